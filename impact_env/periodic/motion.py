@@ -24,7 +24,7 @@ from impact_env.kernels.periodic.motion import (
     compute_states,
     scan_flights,
 )
-from impact_env.kernels.periodic.structure import receptance
+from impact_env.kernels.periodic.structure import compute_receptance
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import Solution
 from impact_env.periodic.passage import OrbitTrajectory
@@ -272,7 +272,7 @@ def motion_of(solution: Solution) -> Motion:
     point = case.point
     flights = compute_flights(structure, point, order, solution.phases, solution.impulses)
     turns = np.empty(MOST_SUBDIVISIONS)
-    h = receptance(structure, case.omega)[0]
+    h = compute_receptance(structure, case.omega)[0]
     extremes, result, fits = scan_flights(structure, point, h, flights, order, turns)
     phases = turns[: min(result, MOST_SUBDIVISIONS)] * case.omega
     return Motion(

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.checks import require
 from impact_env.kernels.periodic.closed_form import (
-    closed_forms,
     compute_fold,
     compute_line,
     compute_phase,
-    fold_forces,
+    fill_closed_forms,
+    fill_fold_forces,
     solve_impulses,
 )
 from impact_env.periodic.case import Case
@@ -77,7 +77,7 @@ def closed_form_branches(case: Case, omegas: ArrayLike) -> Array:
     """
     at = np.ascontiguousarray(omegas, dtype=float)
     out = np.empty((len(at), 4))
-    closed_forms(case.structure, case.point, at, out)
+    fill_closed_forms(case.structure, case.point, at, out)
     return out
 
 
@@ -88,7 +88,7 @@ def fold_force(case: Case, omegas: ArrayLike) -> Array:
     """
     at = np.ascontiguousarray(omegas, dtype=float)
     out = np.empty((len(at), 2))
-    fold_forces(case.structure, case.point, at, out)
+    fill_fold_forces(case.structure, case.point, at, out)
     return out[:, 0]
 
 

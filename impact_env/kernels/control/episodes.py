@@ -1,10 +1,10 @@
 """Operations of a task on all its lanes before and after a control interval.
 
 Each is one loop over the lanes, whereas NumPy would need one pass over the lanes for every
-operator.
+operator. Each lane has the same arithmetic, so its numbers do not depend on the number of lanes.
 
-The arithmetic is that of a single lane, so a lane of a thousand has the digits of one that is
-alone.
+In: actions (L, A), orders and reports of L lanes (interval.py). Out: orders for the next interval,
+rewards, and features for the observations.
 """
 
 from __future__ import annotations
@@ -17,25 +17,22 @@ from impact_env.kernels.compiling.records import NUMBER, record_type
 FREQUENCY_RATIO_TOL = 1e-12  # of the frequency ratio
 
 
-# units of the features: length (m), inverse of the velocity (s/m), impacts of an interval, and the
-# largest number of these units; zero and unit of the frequency ratio; intervals of the time budget.
-# An array of one record: numba takes longer to find the types of a named tuple at a call.
+# units of the features, as an array of one record: numba takes longer to find the types of a
+# named tuple at a call
 FEATURE_UNITS = record_type(
-    length=NUMBER,
-    per_velocity=NUMBER,
-    impacts=NUMBER,
-    most_impacts=NUMBER,
-    origin=NUMBER,
-    frequency=NUMBER,
-    steps=NUMBER,
+    length=NUMBER,  # m
+    per_velocity=NUMBER,  # inverse of the velocity (s/m)
+    impacts=NUMBER,  # impacts of an interval
+    most_impacts=NUMBER,  # largest number of these units
+    origin=NUMBER,  # zero of the frequency ratio
+    frequency=NUMBER,  # unit of the frequency ratio
+    steps=NUMBER,  # intervals of the time budget
 )
 
 
 @jit
 def advance_frequency(interval, width, far, sign, change, ratio, duration, after, ended):
     """Advance the frequency ``ratio`` (L,) by ``change`` (L,) per pseudo period.
-
-    The frequency remains within the range of the passage.
 
     ``interval``: the longest, in pseudo periods; ``width`` of the range and its ``far`` end (L,) in
     units of the resonance; ``sign`` (L,): 1 up, -1 down. Filled: ``duration`` in pseudo periods,
@@ -67,9 +64,7 @@ def limit_actions(actions):
 
 @jit
 def order_friction(actions, column, low, high, orders, friction, place, moved):
-    """Order the friction limits for ``actions`` (L, A).
-
-    They lie between ``low`` and ``high`` (N) on a logarithmic scale.
+    """Order the friction limits for ``actions`` (L, A): log scale from ``low`` to ``high`` (N).
 
     Filled, (L,) each: ``friction`` (N), its ``place`` in the range, the action, and how far that
     has ``moved``.
@@ -86,11 +81,9 @@ def order_friction(actions, column, low, high, orders, friction, place, moved):
 def order_wall_motion(actions, low, high, share, most, orders, before):
     """Order the half-clearances that walls reach on the way to their targets.
 
-    The targets are given by column 0 of ``actions`` (L, A) and lie between ``low`` and ``high``
-    (m).
-
-    ``share`` of the way that the lag leaves, but no further than ``most`` (m); ``before`` (L,):
-    filled with those until now.
+    Column 0 of ``actions`` (L, A) gives the targets, from ``low`` to ``high`` (m) on a log scale.
+    ``share``: of the way that the lag leaves, ``most`` (m): longest way; ``before`` (L,): filled
+    with the half-clearances so far.
     """
     for i in range(orders.shape[0]):
         gap = orders[i].gap
@@ -113,10 +106,8 @@ def fill_orders(
     """Fill drive and end of ORDER records from arrays (L,).
 
     ``duration`` is in periods of ``period`` (s), the frequency ratios refer to ``omega`` (rad/s),
-    and forces are in N.
-
-    Lanes that are not ``resting`` have one more interval ``elapsed``. An episode that has not
-    ``ended`` after ``steps`` intervals is ``late``; all these are (L,), too.
+    and forces are in N. Lanes that are not ``resting`` have one more interval ``elapsed``. An
+    episode that has not ``ended`` after ``steps`` intervals is ``late``.
     """
     for i in range(orders.shape[0]):
         order = orders[i]
@@ -136,10 +127,9 @@ def close_step(
 ):
     """Add the interval to ``time`` and ``score``, and find the episodes that end.
 
-    ``ended`` says whether episodes have ended, ``cut`` whether they are cut off, each (L,).
-
-    An episode that is ``late`` has ended where ``late_ends``, else it is cut off; so is one with
-    ``limit`` intervals (0: none). Lanes that are ``resting`` have no reward and do not end.
+    ``ended``: whether episodes have ended, ``cut``: whether they are cut off, each (L,). An episode
+    that is ``late`` has ended where ``late_ends``, else it is cut off; so is one with ``limit``
+    intervals (0: none). Lanes that are ``resting`` have no reward and do not end.
     """
     for i in range(rewards.shape[0]):
         time[i] += duration[i]
@@ -157,11 +147,9 @@ def close_step(
 
 @jit
 def fill_costs(reports, moved, duration, interval, steps, samples, costs):
-    """Fill columns 1 to 3 of ``costs`` (L, 5).
+    """Fill columns 1 to 3 of ``costs`` (L, 5): time, damage, displacement of the actuator.
 
-    They are the time relative to that of ``steps`` intervals, the damage divided by ``samples``,
-    and the displacement of the actuator.
-
+    The time is relative to that of ``steps`` intervals, the damage is divided by ``samples``.
     ``moved`` (L,); ``duration`` (L,) and ``interval`` in pseudo periods.
     """
     for i in range(reports.shape[0]):
@@ -189,13 +177,12 @@ def compute_cycle_rewards(
     """Fill the rewards (L,) of control within a period.
 
     A reward is minus the interval's share of the mean relative RMS, less the price of the
-    actuator's displacement ``moved``.
-
-    ``state`` (L, S) at the end; ``steps`` of the time budget; ``price`` of a unit that the actuator
-    moves; ``mass_rate`` (kg/s): absorber's mass over an interval; ``force`` (N) and ``scale`` (m),
-    the RMS without absorber, (L,). Changed: mean ``squares`` (L, n) of the last intervals (m^2),
-    the absorber's ``speed`` (m/s) and the interval's ``rms`` (m), (L,). Filled: columns 0 and 4 of
-    ``costs`` (L, 5), level and contact force.
+    actuator's displacement ``moved``. ``state`` (L, S) at the end; ``steps`` of the time budget;
+    ``price`` of a unit that the actuator moves; ``mass_rate`` (kg/s): absorber's mass over an
+    interval; ``force`` (N) and ``scale`` (m), the RMS without absorber, (L,). Changed: mean
+    ``squares`` (L, n) of the last intervals (m^2), the absorber's ``speed`` (m/s) and the
+    interval's ``rms`` (m), (L,). Filled: columns 0 and 4 of ``costs`` (L, 5), level and contact
+    force.
     """
     last = state.shape[1] - 1
     intervals = squares.shape[1]
@@ -217,9 +204,8 @@ def compute_level_rewards(reports, level_scale, price, duration, fine, late, pot
     """Fill the rewards (L,) of a passage that is rated by its level.
 
     A reward is the fall of the level relative to ``level_scale``, less ``price`` for each pseudo
-    period and a ``fine`` where the episode is ``late``.
-
-    ``potential`` (L,) holds the relative level so far.
+    period and a ``fine`` where the episode is ``late``. ``potential`` (L,): the relative level so
+    far.
     """
     for i in range(reports.shape[0]):
         relative = reports[i].level / level_scale[i]
@@ -262,9 +248,7 @@ def fill_features(reports, units, ratio, elapsed, level, values):
 
 @jit
 def fill_cycle_features(reports, orders, state, shapes, squares, units, ratio, elapsed, values):
-    """Write the features of control within a period into ``values`` (L, features).
-
-    They fill the first columns.
+    """Write the features of control within a period to the first columns of ``values`` (L, .).
 
     ``state`` (L, S) at the end, ``shapes`` (L or 1, N_m) of the modes where the level is read, mean
     ``squares`` (L, n) of the intervals of the last period (m^2), ``units`` (1,): FEATURE_UNITS.

@@ -45,60 +45,54 @@ from impact_env.kernels.motion.segments import count_samples_before, take_last_s
 
 Array = NDArray[np.float64]
 
-# an order: duration (s), circular frequency at start and end (rad/s), force (N), its phase at the
-# start (rad; becomes that at the end), half-clearance (m; becomes the one in use), friction limit
-# (N), place in the record that acts beside (steps; becomes that at the end), whether to start
-# afresh, whether the run ends here
+# an order: what acts on a lane in the next interval
 ORDER = record_type(
-    duration=NUMBER,
-    omega_start=NUMBER,
-    omega_stop=NUMBER,
-    force=NUMBER,
-    phase=NUMBER,
-    gap=NUMBER,
-    limit=NUMBER,
-    place=NUMBER,
-    fresh=FLAG,
-    final=FLAG,
+    duration=NUMBER,  # s
+    omega_start=NUMBER,  # circular frequency of the force at the start (rad/s)
+    omega_stop=NUMBER,  # and at the end (rad/s)
+    force=NUMBER,  # force amplitude (N)
+    phase=NUMBER,  # phase of the force at the start (rad); becomes that at the end
+    gap=NUMBER,  # half-clearance (m); becomes the one in use
+    limit=NUMBER,  # friction limit (N)
+    place=NUMBER,  # place in the disturbance's record (steps); becomes that at the end
+    fresh=FLAG,  # whether the lane starts afresh
+    final=FLAG,  # whether its run ends here
 )
-# a report: tip's amplitude in phase with the force and a quarter behind it (m), absorber less tip
-# at the end (m, m/s), impacts, absorber's share of the energy at the end, level so far (m), mean of
-# q_tip^2 (m^2), sum of |q_tip/unit|^exponent over the samples, tip displacement at the end (m)
+# a report of an interval
 REPORT = record_type(
-    in_phase=NUMBER,
-    quadrature=NUMBER,
-    distance=NUMBER,
-    relative_velocity=NUMBER,
-    impact_count=INTEGER,
-    absorber_share=NUMBER,
-    level=NUMBER,
-    mean_square=NUMBER,
-    damage=NUMBER,
-    tip=NUMBER,
+    in_phase=NUMBER,  # tip's amplitude in phase with the force (m)
+    quadrature=NUMBER,  # and a quarter period behind it (m)
+    distance=NUMBER,  # absorber less tip at the end (m)
+    relative_velocity=NUMBER,  # and its rate (m/s)
+    impact_count=INTEGER,  # impacts
+    absorber_share=NUMBER,  # absorber's share of the energy at the end
+    level=NUMBER,  # response level so far (m)
+    mean_square=NUMBER,  # mean of q_tip^2 (m^2)
+    damage=NUMBER,  # sum of |q_tip/unit|^exponent over the samples
+    tip=NUMBER,  # tip displacement at the end (m)
 )
-# half-clearance (m), friction limit (N) and force (N) in use, and the level that a search begins
-# with
-LAST_ORDER = record_type(gap=NUMBER, limit=NUMBER, force=NUMBER, search_level=NUMBER)
+# of a lane between two intervals
+LAST_ORDER = record_type(
+    gap=NUMBER,  # half-clearance in use (m)
+    limit=NUMBER,  # friction limit in use (N)
+    force=NUMBER,  # force amplitude in use (N)
+    search_level=NUMBER,  # level with which the next search begins
+)
 BREAKPOINT_TOL = 1e-9  # of a record's step: breakpoints closer than this are one
-# by which a wall that is moved keeps off the absorber, relative to their distance from the middle
+# distance of a moved wall from the absorber, relative to the absorber's distance from the middle
 WALL_MARGIN = 1e-9
 
 
 class Lanes(NamedTuple):
-    """Memory of all lanes between two intervals, one row each.
+    """Memory of L lanes between two intervals."""
 
-    ``z`` (L, 2, J): free parts of the modal amplitudes; ``rigid`` and ``compliant`` (L,): contact
-    states, of which a lane has one; ``last_order`` (L,): LAST_ORDER records; ``state`` (L, 2 N_m +
-    2); ``ring`` (L, W + 1) and ``level`` (L,): ring and LEVEL_STATE records of the level.
-    """
-
-    z: Array
-    rigid: NDArray[Any]
-    compliant: NDArray[Any]
-    last_order: NDArray[Any]
-    state: Array
-    ring: Array
-    level: NDArray[Any]
+    z: Array  # (L, 2, J) modal amplitudes
+    rigid: NDArray[Any]  # (L,) RIGID_CONTACT_STATE records, or
+    compliant: NDArray[Any]  # (L,) COMPLIANT_CONTACT_STATE records
+    last_order: NDArray[Any]  # (L,) LAST_ORDER records
+    state: Array  # (L, 2 N_m + 2)
+    ring: Array  # (L, W + 1) of the level
+    level: NDArray[Any]  # (L,) LEVEL_STATE records
 
 
 def new_lanes(lanes: int, size: int, state: int, half_window: int) -> Lanes:
@@ -125,72 +119,52 @@ def new_lanes(lanes: int, size: int, state: int, half_window: int) -> Lanes:
 class Disturbance(NamedTuple):
     """A load that acts in addition to the lanes' own force.
 
-    It is a periodic ``record`` (K,) in N or m/s^2, interpolated linearly between samples that are
-    ``step`` (s) apart.
-
-    ``channel`` (2,): of the force of the orders, and of the record: 0 of a force, 1 of the base's
-    acceleration (m/s^2).
+    It is a periodic record, interpolated linearly between samples.
     """
 
-    record: Array
-    step: float
-    channel: NDArray[np.int64]
-    base: BaseParticipation
+    record: Array  # (K,) N or m/s^2
+    step: float  # between two samples (s)
+    channel: NDArray[np.int64]  # (2,) of the orders' force and of the record: 0 force, 1 base
+    base: BaseParticipation  # for the acceleration of a base
 
 
 class LaneSettings(NamedTuple):
-    """Settings that all lanes share.
+    """Settings that all lanes share."""
 
-    Sampling interval (s), samples of a whole interval, exponent of the damage (0: none), its unit
-    of length (m), circular frequencies of the modes (N_m,), tip shape (N_m,), absorber mass (kg, 0
-    without one), mode shape (N_m,) where level and amplitudes are read, and again in ``place`` if
-    that is not the tip, else of size 0; ``disturbance``: None where one force is all.
-    """
-
-    sample_dt: float
-    samples: int
-    exponent: float
-    unit: float
-    omega: Array
-    tip_shape: Array
-    mass: float
-    level_shape: Array
-    place: Array
-    disturbance: Disturbance | None
+    sample_dt: float  # sampling interval (s)
+    samples: int  # of a whole interval
+    exponent: float  # of the damage, 0: none
+    unit: float  # of length of the damage (m)
+    omega: Array  # (N_m,) circular frequencies of the modes (rad/s)
+    tip_shape: Array  # (N_m,)
+    mass: float  # of the absorber (kg), 0 without one
+    level_shape: Array  # (N_m,) mode shape where level and amplitudes are read
+    place: Array  # the same if it is not the tip, else of size 0
+    disturbance: Disturbance | None  # None where one force is all
 
 
 class Batch(NamedTuple):
-    """Lanes under control with their orders, reports and status codes.
+    """L lanes under control."""
 
-    ``orders`` and ``reports`` are ORDER and REPORT records (L,), the status codes have the shape
-    (L,).
-    """
-
-    settings: LaneSettings
-    lanes: Lanes
-    orders: NDArray[Any]
-    reports: NDArray[Any]
-    status: NDArray[np.int64]
+    settings: LaneSettings  # of all lanes
+    lanes: Lanes  # their memory
+    orders: NDArray[Any]  # (L,) ORDER records
+    reports: NDArray[Any]  # (L,) REPORT records
+    status: NDArray[np.int64]  # (L,) status codes
 
 
 class IntervalScratch(NamedTuple):
-    """Scratch memory of one thread.
+    """Scratch memory of one thread."""
 
-    The interval's breakpoints in time (K,), frequencies and phases at its ends (2,), samples of
-    the interval, a CLOCK and a COUNTS record, (1,) each. ``budget`` (1,): counters at zero, with
-    the limits of an interval. ``no_values`` and ``no_numbers`` (0,): of the envelope, which lanes
-    do not have.
-    """
-
-    times: Array
-    omegas: Array
-    phases: Array
-    block: Array
-    clock: NDArray[Any]
-    counts: NDArray[Any]
-    budget: NDArray[Any]
-    no_values: Array
-    no_numbers: NDArray[np.int64]
+    times: Array  # (K,) breakpoints of the interval (s)
+    omegas: Array  # (2,) frequencies at its ends (rad/s)
+    phases: Array  # (2,) phases at its ends (rad)
+    block: Array  # samples of the interval (m)
+    clock: NDArray[Any]  # (1,) a CLOCK record
+    counts: NDArray[Any]  # (1,) a COUNTS record
+    budget: NDArray[Any]  # (1,) counters at zero, with the limits of an interval
+    no_values: Array  # (0,) of the envelope, which lanes do not have
+    no_numbers: NDArray[np.int64]  # (0,)
 
 
 @jit_allocating
@@ -268,7 +242,7 @@ def expand_interval_load(disturbance, order, times, load):
 
 
 @jit_view
-def level_of_lane(scratch, settings, lanes, i):
+def view_level(scratch, settings, lanes, i):
     """Return the level observer of lane i."""
     return LevelObserver(
         lanes.ring[i],
@@ -280,12 +254,12 @@ def level_of_lane(scratch, settings, lanes, i):
 
 
 @jit_view
-def observers_of_lane(scratch, settings, lanes, i):
+def view_observers(scratch, settings, lanes, i):
     """Return the observers of lane i: the level."""
     return Observers(
         clock=scratch.clock[0],
         counters=Counters(scratch.counts[0], None),
-        level=level_of_lane(scratch, settings, lanes, i),
+        level=view_level(scratch, settings, lanes, i),
         events=None,
         series=None,
         energy=None,
@@ -306,12 +280,10 @@ def is_order_valid(settings, order):
 
 @jit
 def scan_orders(orders, idle, read, expected):
-    """Return the highest frequency, whether an order is wrong, and whether a lane is idle.
+    """Return the highest frequency (rad/s), whether an order is wrong, and whether a lane is idle.
 
-    The frequency is in rad/s. An order is wrong if it is not ``read`` and differs from
-    ``expected``.
-
-    ``read`` and ``expected`` (3,): of gap, limit and place.
+    An order of gap, limit or place is wrong if it is not ``read`` (3,) and differs from
+    ``expected`` (3,).
     """
     highest = 0.0
     differs = False
@@ -357,7 +329,7 @@ def open_interval(scratch, settings, lanes, i, order):
     clock.first = 0
     scratch.counts[0] = scratch.budget[0]
     if order.fresh:
-        reset_level(level_of_lane(scratch, settings, lanes, i))
+        reset_level(view_level(scratch, settings, lanes, i))
 
 
 @jit
@@ -435,32 +407,33 @@ def close_interval(scratch, settings, level, state, order, report):
 
 
 @jit
-def with_gap(walls, gap):
-    """Return walls at another half-clearance; what is no wall stays out of reach."""
+def replace_gap(walls, gap):
+    """Return walls at another half-clearance; a scene without walls keeps none."""
     if not has_walls(walls):
         return walls
     return Walls(gap, walls.restitution, walls.yield_velocity)
 
 
 @jit
-def with_limit(limit, wanted):
-    """Return another friction limit (N), or None where there is no friction."""
+def replace_limit(limit, ordered):
+    """Return the friction limit of an order (N), or None in a scene without friction."""
     if limit is None:
         return None
-    return wanted
+    return ordered
 
 
 @jit
-def limit_gap(wanted, gap, distance, touching):
-    """Return the half-clearance nearest to ``wanted`` (m) that a cavity can take.
+def limit_gap(ordered, gap, distance, touching):
+    """Return the half-clearance nearest to the ``ordered`` one (m) that a cavity can take.
 
-    The cavity has the half-clearance ``gap``. It must not close onto the absorber.
+    The cavity has the half-clearance ``gap``. It must not close onto the absorber, which is at
+    ``distance`` (m) from its middle, ``touching`` a wall or not.
     """
-    if wanted >= gap:
-        return wanted
+    if ordered >= gap:
+        return ordered
     if touching:
         return gap
-    return min(gap, max(wanted, distance * (1.0 + WALL_MARGIN)))
+    return min(gap, max(ordered, distance * (1.0 + WALL_MARGIN)))
 
 
 @jit_allocating

@@ -13,12 +13,12 @@ next call's parts from the `WorkQueue` itself. Passive-v0 with 256 and 1,024 lan
 times as long a step with a pool of Python's threads instead (two cores). Which thread does which
 part, and whether there are helpers at all, changes no number.
 
-Changes from outside, a new friction limit or a jump of the force's amplitude. What slides goes on
-in its sense, with the new friction. What is joined stays so where the joint force is within what
-friction and a wall can now give, and else begins to slide or to fly, as from a bound that the force
-has grown beyond. Positions and velocities do not jump (paper, Eqs. signorini and coulomb: friction
-is a force, no impulse). A slide that begins just at the change, without relative velocity, needs no
-special case: if the new friction can hold it, the search finds a reversal at once.
+New orders: a new friction limit or a jump of the force's amplitude. A sliding absorber continues to
+slide in its direction, with the new friction. A joined absorber stays joined if the joint force is
+within the new bounds of friction and wall, and else slips or leaves the wall. Positions and
+velocities do not jump (paper, Eqs. signorini and coulomb: friction is a force, no impulse). A slip
+that begins just at the change, without relative velocity, needs no special case: if the new
+friction can hold it, the search finds a reversal at once.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from impact_env.kernels.control.interval import (
     limit_gap,
     new_interval_load,
     new_interval_scratch,
-    observers_of_lane,
     open_interval,
+    replace_gap,
+    replace_limit,
     report_state,
-    with_gap,
-    with_limit,
+    view_observers,
 )
 from impact_env.kernels.events.signals import HIT_HIGH, HIT_LOW
 from impact_env.kernels.exact.compliant import (
@@ -67,11 +67,11 @@ from impact_env.kernels.exact.rigid_contact import (
     FREE,
     JOINT_FORCE_TOL,
     ContactLaw,
+    compute_static_limit,
     compute_tip_motion,
+    find_joint_bounds,
     has_walls,
-    joint_bounds,
     new_contact_states,
-    static_limit,
     update_slip_direction,
 )
 from impact_env.kernels.motion.loads import Schedule, count_windows, expand_window, new_no_loads
@@ -92,11 +92,11 @@ from impact_env.kernels.stepping.grid import DriveForce
 from impact_env.kernels.stepping.moreau import RigidLaws, moreau_lane
 from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
 
-# places of the words that threads share: parts that nobody has taken, and parts that are done; each
-# in a cache line of its own
+# places in `WorkQueue.words`: parts that no thread has taken yet, and parts that are done; each in
+# a cache line of its own
 PARTS_LEFT = 0
 PARTS_DONE = 16
-MOST_POLLS = 1 << 15  # looks at the other threads' last parts before the caller goes back to Python
+MOST_POLLS = 1 << 15  # of the other threads' last parts, before the caller returns to Python
 
 
 class WorkQueue(NamedTuple):
@@ -110,6 +110,23 @@ class WorkQueue(NamedTuple):
     cuts: NDArray[np.int64]
 
 
+class LaneMemory(NamedTuple):
+    """Memory of one thread that advances lanes one after the other."""
+
+    scratch: IntervalScratch  # of the interval
+    load: Any  # of the disturbance, None without
+    workspace: Any  # of the scene
+    start: NDArray[Any]  # (1,) contact state of a lane that begins
+
+
+class SteppingMemory(NamedTuple):
+    """Memory of one thread that advances lanes by a stepping method."""
+
+    scratch: IntervalScratch  # of the interval
+    series: StateSeries  # states at the samples
+    load: Any  # without sources
+
+
 def new_work_queue(lanes: int) -> WorkQueue:
     """Return an empty queue for a number of lanes."""
     return WorkQueue(np.zeros(32, dtype=np.int64), np.zeros((lanes, 2), dtype=np.int64))
@@ -117,11 +134,13 @@ def new_work_queue(lanes: int) -> WorkQueue:
 
 @vector_code(INTEGER)
 def _atomic_add(code: Code, words, place: Index, change: Index):
+    """Add ``change`` to a word and return its former value."""
     return code.atomic_rmw("add", words, place, change)
 
 
 @vector_code(INTEGER)
 def _atomic_exchange(code: Code, words, place: Index, value: Index):
+    """Set a word to ``value`` and return its former value."""
     return code.atomic_rmw("xchg", words, place, value)
 
 
@@ -146,6 +165,7 @@ def take_next_part(queue, patience):
 
 @jit
 def _take_part(queue, patience):
+    """Return the number of a part that no thread has taken, -1 after ``patience`` + 1 polls."""
     for _ in range(patience + 1):
         if _atomic_add(queue.words, PARTS_LEFT, 0) > 0:
             part = _atomic_add(queue.words, PARTS_LEFT, -1) - 1
@@ -157,11 +177,11 @@ def _take_part(queue, patience):
 @jit
 def wait_until_done(queue, parts):
     """Return whether all ``parts`` are done, after at most MOST_POLLS polls."""
-    looks = 0
+    polls = 0
     while parts > 0 and _atomic_add(queue.words, PARTS_DONE, 0) != parts:
-        if looks == MOST_POLLS:
+        if polls == MOST_POLLS:
             return False
-        looks += 1
+        polls += 1
     return True
 
 
@@ -184,10 +204,10 @@ def recheck_stick(scene, window, workspace, state):
         scene.contact,
         buffers,
     )
-    low, high = joint_bounds(static_limit(scene.contact), contact_state.side)
+    low, high = find_joint_bounds(compute_static_limit(scene.contact), contact_state.side)
     slack = JOINT_FORCE_TOL * scale
     if low - slack <= f <= high + slack:
-        copy_amplitudes(buffers.rows[1], buffers.z)  # to the last digit as if nobody had looked
+        copy_amplitudes(buffers.rows[1], buffers.z)  # as before, to the last digit
         return
     update_free_response(scene, window, workspace)
     release_absorber(scene, window, workspace, state, HIT_HIGH if f > high else HIT_LOW, None)
@@ -263,38 +283,13 @@ def report_rigid(settings, scene, workspace, state, report):
     half = state.shape[0] // 2
     tip, tip_velocity = compute_tip_motion(settings, state)
     if contact_state.regime != FREE:
-        state[2 * half - 1] = (
-            tip_velocity  # to the last digit: `begin` then knows that they move as one
-        )
+        # equal to the last digit, so that a run from this state begins in the joined regime
+        state[2 * half - 1] = tip_velocity
         report_state(settings, state, contact_state.offset, 0.0, report)
     else:
         report_state(
             settings, state, state[half - 1] - tip, state[2 * half - 1] - tip_velocity, report
         )
-
-
-class LaneMemory(NamedTuple):
-    """Memory of one thread that advances lanes one after the other.
-
-    ``load``: of the record beside the orders' force, None without; ``start`` (1,): the contact
-    state of a lane that begins.
-    """
-
-    scratch: IntervalScratch
-    load: Any
-    workspace: Any
-    start: NDArray[Any]
-
-
-class SteppingMemory(NamedTuple):
-    """Memory of one thread that advances lanes by a method with a fixed step.
-
-    ``load`` is None if no load acts in addition to the orders' force.
-    """
-
-    scratch: IntervalScratch
-    series: StateSeries
-    load: Any
 
 
 @jit_allocating
@@ -312,11 +307,9 @@ def new_rigid_memory(scene, batch):
 def rigid_lanes(scene, reach, batch, memory, queue, parts, patience):
     """Advance lanes of a scene with rigid contact, in parts that are taken from the queue.
 
-    Returns whether all parts are done.
-
-    ``reach`` (s): longest window; ``memory``: of this thread. The caller passes the number of
-    ``parts`` in the queue, a helper thread 0; ``patience``: polls of the queue before a thread
-    leaves. Walls' gap and friction limit are those of a lane's order.
+    Returns whether all parts are done. ``reach`` (s): longest window; ``memory``: of this thread.
+    The caller passes the number of ``parts`` in the queue, a helper thread 0; ``patience``: polls
+    of the queue before a thread leaves. Walls' gap and friction limit are those of a lane's order.
     """
     part = take_first_part(queue, parts, patience)
     while part >= 0:
@@ -327,6 +320,7 @@ def rigid_lanes(scene, reach, batch, memory, queue, parts, patience):
 
 @jit
 def _advance_rigid_lanes(scene, reach, batch, first, stop, memory):
+    """Advance lanes [first, stop) with rigid contact by an interval and report."""
     settings, lanes, orders, reports, status = batch
     scratch, load, workspace, start = memory
     free, joined, contact, losses = scene
@@ -339,8 +333,8 @@ def _advance_rigid_lanes(scene, reach, batch, first, stop, memory):
             continue
         open_interval(scratch, settings, lanes, i, order)
         begins = load_lane(contact.walls, lanes, i, order, report.distance, start, workspace)
-        walls = with_gap(contact.walls, order.gap)
-        limit = with_limit(contact.limit, order.limit)
+        walls = replace_gap(contact.walls, order.gap)
+        limit = replace_limit(contact.limit, order.limit)
         ordered_scene = Rigid(
             free,
             joined,
@@ -360,7 +354,7 @@ def _advance_rigid_lanes(scene, reach, batch, first, stop, memory):
         if disturbance is not None:
             sections = expand_interval_load(disturbance, order, scratch.times, load)
         schedule = Schedule(scratch.times, scratch.omegas, scratch.phases, order.force, reach, load)
-        observers = observers_of_lane(scratch, settings, lanes, i)
+        observers = view_observers(scratch, settings, lanes, i)
         if not begins:
             last = lanes.last_order[i]
             apply_order_change(
@@ -413,6 +407,7 @@ def linear_lanes(scene, reach, batch, memory, queue, parts, patience):
 
 @jit
 def _advance_linear_lanes(scene, reach, batch, first, stop, memory):
+    """Advance lanes [first, stop) of one linear regime by an interval and report."""
     settings, lanes, orders, reports, status = batch
     scratch, load, workspace, _ = memory
     regime = scene.regime
@@ -434,7 +429,7 @@ def _advance_linear_lanes(scene, reach, batch, first, stop, memory):
         if disturbance is not None:
             sections = expand_interval_load(disturbance, order, scratch.times, load)
         schedule = Schedule(scratch.times, scratch.omegas, scratch.phases, order.force, reach, load)
-        observers = observers_of_lane(scratch, settings, lanes, i)
+        observers = view_observers(scratch, settings, lanes, i)
         for k in range(sections):
             status[i] = integrate_linear_section(scene, schedule, k, workspace, observers)
             if status[i] != DONE:
@@ -486,6 +481,7 @@ def compliant_lanes(scene, reach, batch, memory, queue, parts, patience):
 
 @jit
 def _advance_compliant_lanes(scene, reach, batch, first, stop, memory):
+    """Advance lanes [first, stop) with compliant contact by an interval and report."""
     settings, lanes, orders, reports, status = batch
     scratch, _, workspace, start = memory
     for i in range(first, stop):
@@ -497,7 +493,7 @@ def _advance_compliant_lanes(scene, reach, batch, first, stop, memory):
             continue
         open_interval(scratch, settings, lanes, i, order)
         schedule = Schedule(scratch.times, scratch.omegas, scratch.phases, order.force, reach, None)
-        observers = observers_of_lane(scratch, settings, lanes, i)
+        observers = view_observers(scratch, settings, lanes, i)
         workspace.contact_states[0] = lanes.compliant[i]
         workspace.signal.memory[0] = lanes.last_order[i].search_level
         if order.fresh:
@@ -537,7 +533,7 @@ def push_recorded_samples(scratch, settings, series, level, order):
 
 
 @jit_view
-def with_series(observers, series):
+def replace_level_by_series(observers, series):
     """Return observers that record the states, from which the level is computed later."""
     return Observers(
         clock=observers.clock,
@@ -576,6 +572,7 @@ def moreau_lanes(modes, laws, step, batch, memory, queue, parts, patience):
 
 @jit_allocating
 def _advance_moreau_lanes(modes, laws, step, batch, first, stop, memory):
+    """Advance lanes [first, stop) by the Moreau scheme by an interval and report."""
     settings, lanes, orders, reports, status = batch
     scratch, series, load = memory
     for i in range(first, stop):
@@ -586,19 +583,19 @@ def _advance_moreau_lanes(modes, laws, step, batch, first, stop, memory):
             status[i] = ORDER_REFUSED
             continue
         open_interval(scratch, settings, lanes, i, order)
-        observers = observers_of_lane(scratch, settings, lanes, i)
+        observers = view_observers(scratch, settings, lanes, i)
         if not order.fresh and has_walls(laws.walls):
             gap = lanes.last_order[i].gap
             order.gap = limit_gap(order.gap, gap, abs(report.distance), False)
         ordered_scene = RigidLaws(
             laws.mass,
-            with_gap(laws.walls, order.gap),
+            replace_gap(laws.walls, order.gap),
             order.limit if laws.limit > 0.0 else 0.0,
             laws.spring,
         )
         force = DriveForce(scratch.times, scratch.omegas, scratch.phases, order.force, 0.0, load)
         status[i] = moreau_lane(
-            modes, ordered_scene, force, state, step, with_series(observers, series)
+            modes, ordered_scene, force, state, step, replace_level_by_series(observers, series)
         )
         push_recorded_samples(scratch, settings, series, observers.level, order)
         report_relative(settings, state, report)
@@ -623,6 +620,7 @@ def runge_kutta_lanes(modes, laws, step, batch, memory, queue, parts, patience):
 
 @jit_allocating
 def _advance_runge_kutta_lanes(modes, laws, step, batch, first, stop, memory):
+    """Advance lanes [first, stop) by the Runge-Kutta method by an interval and report."""
     settings, lanes, orders, reports, status = batch
     scratch, series, load = memory
     for i in range(first, stop):
@@ -633,10 +631,10 @@ def _advance_runge_kutta_lanes(modes, laws, step, batch, first, stop, memory):
             status[i] = ORDER_REFUSED
             continue
         open_interval(scratch, settings, lanes, i, order)
-        observers = observers_of_lane(scratch, settings, lanes, i)
+        observers = view_observers(scratch, settings, lanes, i)
         force = DriveForce(scratch.times, scratch.omegas, scratch.phases, order.force, 0.0, load)
         status[i] = runge_kutta_lane(
-            modes, laws, force, state, step, with_series(observers, series)
+            modes, laws, force, state, step, replace_level_by_series(observers, series)
         )
         push_recorded_samples(scratch, settings, series, observers.level, order)
         report_relative(settings, state, report)

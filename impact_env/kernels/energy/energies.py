@@ -30,23 +30,23 @@ from impact_env.kernels.energy.integrals import (
     PRODUCTS,
     SERIES_PHASE,
     WIDTH,
+    add_coupled_mixed,
+    add_own_mixed,
     add_own_squares,
     add_pairs,
     add_products,
-    coupled_mixed,
-    coupled_partners,
+    compute_amplitude_moments,
+    compute_mixed_power,
+    compute_point_power,
     fill_factors,
     fill_moments,
     fill_powers,
-    forced_powers,
     init_pairs,
     integrate_pairs,
-    mixed_power,
-    own_mixed,
-    own_partners,
-    power_of_point,
-    slot_moments,
     square_partners,
+    write_coupled_partners,
+    write_forced_powers,
+    write_own_partners,
 )
 from impact_env.kernels.motion.loads import TERMS, evaluate_load
 from impact_env.kernels.motion.modal_system import SPEED, S, copy_amplitudes, cos_sin, propagate
@@ -54,69 +54,63 @@ from impact_env.kernels.motion.observers import Observers
 from impact_env.kernels.motion.segments import add_base_motion_to_state, compute_state_at
 
 Array = NDArray[np.float64]
-# kinds of regime: not met yet; one modal amplitude a mode; any modal amplitudes; those that are
-# left to quadrature
+# kinds of regime: not initialised yet; one modal amplitude a mode; any modal amplitudes; modal
+# amplitudes that cancel, which need quadrature
 NOT_INITIALISED, ONE_PER_MODE, COUPLED, CANCELLING = range(4)
-MOST_CANCELLATION = (
-    30.0  # modal amplitudes over the velocity that they add up to: squared, it multiplies rounding
+# modal amplitudes over the velocity that they add up to: squared, it multiplies rounding
+MOST_CANCELLATION = 30.0
+# of a regime
+REGIME_STATE = record_type(
+    kind=INTEGER,  # NOT_INITIALISED to CANCELLING
+    order=INTEGER,  # powers of products that count
+    series=INTEGER,  # pairs of modal amplitudes that need series
+    window=NUMBER,  # centre of the window whose forced part is known (s)
 )
-# of a regime: its kind; how many powers of products count; how many pairs of modal amplitudes need
-# series; the centre of the window whose forced part is known
-REGIME_STATE = record_type(kind=INTEGER, order=INTEGER, series=INTEGER, window=NUMBER)
 _ROWS = 6 + 6 * TERMS + 3 * PRODUCTS  # of a regime's numbers, without the shape and the pairs
 
 
 class Account(NamedTuple):
     """`observers.EnergyTotals`, and the sums of R regimes with J amplitudes.
 
-    It consists of few arrays, because each costs time at every call.
-
-    ``known`` (R,), ``mode`` (R, J), ``rows`` (R, 6 + 6 TERMS + 3 PRODUCTS + (2 + PLANES) J, J),
-    ``powers`` (R, 15, WIDTH): `view_regime_account` names their parts.
+    It consists of few arrays, because each costs time at every call; `view_regime_account` names
+    the parts of ``rows`` and ``powers``.
     """
 
-    totals: NDArray[Any]
-    modal: Array
-    known: NDArray[Any]
-    mode: NDArray[np.int64]
-    rows: Array
-    powers: Array
+    totals: NDArray[Any]  # (1,) a TOTALS record
+    modal: Array  # (N_m,) loss in each mode (J)
+    states: NDArray[Any]  # (R,) REGIME_STATE records
+    mode: NDArray[np.int64]  # (R, J) mode of an amplitude, -1: none
+    rows: Array  # (R, 6 + 6 TERMS + 3 PRODUCTS + (2 + PLANES) J, J)
+    powers: Array  # (R, 15, WIDTH)
 
 
 class RegimeAccount(NamedTuple):
-    """Quantities of one regime, with complex numbers as real and imaginary parts.
+    """Quantities of one regime; complex numbers are real parts, then imaginary parts.
 
-    Each column belongs to a velocity.
-
-    ``velocity``, ``point`` (2, J): a modal amplitude's weight in its mode's velocity, where each
-    mode is one modal amplitude, and in that of the force's point. ``shape`` (2 J, J): weights of
-    modal amplitudes in columns. ``pairs`` (PLANES J, J): see integrals.py. ``squares``, ``decay`` (J,):
-    of a segment, integrals of the columns' squares, of the modal amplitudes' decays. ``moments`` (4
-    TERMS, J): powers of the modal amplitudes' forced parts, or moments of the modal amplitudes
-    themselves. ``partner`` (2 TERMS, J): forced velocities as factors of the carrier, ``products``
-    (3 PRODUCTS, J): half their squares.
-
-    In powers of the time in half windows, each (., WIDTH): ``ends`` (2) of a segment; ``factors``
-    (3) of the products of forced parts; ``power`` (3): products of force and forced velocity of its
-    point; ``force`` (2): half the force; ``near`` (4): moments of a modal amplitude that turns like
-    the carrier. ``carrier`` (4,): cosine and sine of the carrier at both ends.
+    The squares of velocities are integrated: of the modes and of the tuned absorber relative to the
+    tip, a column each. Powers are those of the time in half windows.
     """
 
-    velocity: Array
-    point: Array
-    shape: Array
-    pairs: Array
-    squares: Array
-    decay: Array
-    moments: Array
-    partner: Array
-    products: Array
-    ends: Array
-    factors: Array
-    power: Array
-    force: Array
-    near: Array
-    carrier: Array
+    velocity: Array  # (2, J) an amplitude's weight in its mode's velocity, where each mode is one
+    point: Array  # (2, J) its weight in the velocity of the force's point
+    shape: Array  # (2 J, J) weights of the amplitudes (rows) in the velocities (columns)
+    pairs: Array  # (PLANES J, J) see `integrals.PLANES`
+    squares: Array  # (J,) of a segment: integrals of the velocities' squares
+    decay: Array  # (J,) of a segment: integrals of the amplitudes' decays
+    moments: Array  # (4 TERMS, J) powers of the amplitudes' forced parts, or their moments
+    partner: Array  # (2 TERMS, J) forced velocities as factors of the carrier
+    products: Array  # (3 PRODUCTS, J) half their squares
+    ends: Array  # (2, WIDTH) powers of the times of both ends of a segment
+    factors: Array  # (3, WIDTH) integrals for the products of forced parts
+    power: Array  # (3, WIDTH) products of force and forced velocity of its point
+    force: Array  # (2, WIDTH) half the force
+    near: Array  # (4, WIDTH) moments of an amplitude near resonance
+    carrier: Array  # (4,) cosine and sine of the carrier at both ends
+
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
+PANEL_PHASE = 2.0  # phase of the fastest active modal amplitude in a quadrature panel
+ACTIVE_RATE_SHARE = 1e-11  # of the largest modal amplitude velocity
 
 
 @jit_allocating
@@ -128,26 +122,18 @@ def new_account(energy, regimes, size):
     """
     if energy is None:
         return None
-    known = np.zeros(regimes, REGIME_STATE)
+    states = np.zeros(regimes, REGIME_STATE)
     for r in range(regimes):
-        known[r].window = np.nan
+        states[r].window = np.nan
     rows = np.zeros((regimes, _ROWS + (2 + PLANES) * size, size))
     return Account(
         energy.totals,
         energy.modal,
-        known,
+        states,
         np.zeros((regimes, size), np.int64),
         rows,
         np.zeros((regimes, 15, WIDTH)),
     )
-
-
-@jit
-def forget_regime(account, r):
-    """Clear regime number r of an account, because another regime has taken its place."""
-    account.known[r].kind = NOT_INITIALISED
-    account.known[r].window = np.nan
-    account.rows[r, :, :] = 0.0
 
 
 @jit_view
@@ -177,7 +163,7 @@ def view_regime_account(account, r):
 
 
 @jit_view
-def with_energy_account(observers, account):
+def replace_energies_by_account(observers, account):
     """Return a run's observers with the account in place of the energies."""
     return Observers(
         clock=observers.clock,
@@ -190,10 +176,10 @@ def with_energy_account(observers, account):
 
 
 @jit_inline
-def init_regime_account(known, mode, own, regime, losses):
+def init_regime_account(regime_state, mode, sums, regime, losses):
     """Fill the parts of a regime's account that do not depend on the force.
 
-    They are the record ``known``, ``mode`` (J,) and weights.
+    They are the record ``regime_state``, ``mode`` (J,) and weights in ``sums``.
     """
     modes = losses.rate.shape[0]
     half = regime.out.shape[1] // 2
@@ -206,19 +192,19 @@ def init_regime_account(known, mode, own, regime, losses):
             point = 0.0
             for i in range(modes):
                 v = regime.out[part, half + i, j]
-                own.shape[part * size + j, i] = v
+                sums.shape[part * size + j, i] = v
                 tip += losses.tip_shape[i] * v
                 point += losses.force_shape[i] * v
             if losses.damper > 0.0:
-                own.shape[part * size + j, modes] = regime.out[part, half + modes, j] - tip
-            own.point[part, j] = point
+                sums.shape[part * size + j, modes] = regime.out[part, half + modes, j] - tip
+            sums.point[part, j] = point
     if _has_cancelling_amplitudes(regime, modes, half):
-        known.kind = CANCELLING
-    elif losses.damper == 0.0 and _match_modes(modes, mode, own.shape, own.velocity):
-        known.kind = ONE_PER_MODE
+        regime_state.kind = CANCELLING
+    elif losses.damper == 0.0 and _match_modes(modes, mode, sums.shape, sums.velocity):
+        regime_state.kind = ONE_PER_MODE
     else:
-        known.kind = COUPLED
-        known.series = init_pairs(regime.system.rows, own.pairs)
+        regime_state.kind = COUPLED
+        regime_state.series = init_pairs(regime.system.rows, sums.pairs)
 
 
 @jit
@@ -264,13 +250,9 @@ def _match_modes(modes, mode, shape, velocity):
     return True
 
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
-PANEL_PHASE = 2.0  # phase of the fastest active modal amplitude in a quadrature panel
-ACTIVE_RATE_SHARE = 1e-11  # of the largest modal amplitude velocity
-
-
 @jit
 def _find_active_rate(rows, omega, z):
+    """Return |s| (1/s) of the fastest active modal amplitude in z (2, J), at least ``omega``."""
     largest = 0.0
     for j in range(z.shape[1]):
         largest = max(largest, rows[SPEED, j] * (abs(z[0, j]) + abs(z[1, j])))
@@ -309,8 +291,8 @@ def compute_base_power(base, omega, losses, motion, since, state, tau):
     for c in range(base.terms.shape[0]):
         momentum = 0.0
         for a in range(motion.shape[0]):
-            own = state[half + modes + a] + motion[a].v + motion[a].a * since
-            momentum += base.carried[c, a] * own
+            velocity = state[half + modes + a] + motion[a].v + motion[a].a * since
+            momentum += base.carried[c, a] * velocity
         for i in range(modes):
             momentum += base.participation[c, i] * state[half + i]
         power -= evaluate_load(base.terms[c], omega, tau) * momentum
@@ -321,9 +303,8 @@ def compute_base_power(base, omega, losses, motion, since, state, tau):
 def add_by_quadrature(segment, losses, state, energy):
     """Add work and losses of a `segments.Segment` by Gauss-Legendre quadrature.
 
-    The panels resolve every modal amplitude that is still active.
-
-    Of absorbers only a tuned one has a damper; ``state`` is scratch.
+    The panels resolve every modal amplitude that is still active. Only a tuned absorber has a
+    damper; ``state`` is scratch.
     """
     modes = losses.rate.shape[0]
     half = state.shape[0] // 2
@@ -357,14 +338,14 @@ def add_by_quadrature(segment, losses, state, energy):
                 tip += losses.tip_shape[i] * v
                 energy.modal[i] += weight * losses.rate[i] * v * v
             energy.totals[0].work += weight * f * power
-            own = state[half + modes] + absorber.v + absorber.a * (c - tau)
+            velocity = state[half + modes] + absorber.v + absorber.a * (c - tau)
             base_power = 0.0
             if load is not None:
                 base_power = compute_base_power(
                     load.base, window.omega, losses, segment.motion, c - tau, state, c
                 )
             energy.totals[0].work += weight * base_power
-            relative = own - tip
+            relative = velocity - tip
             energy.totals[0].absorber_damping += weight * losses.damper * relative * relative
         propagate(system.rows, system.table, system.scale, h, p)
         x += h
@@ -388,46 +369,53 @@ def add_energy(segment, losses, state, r, account):
     if window.load is not None:
         add_by_quadrature(segment, losses, state, account)
         return
-    known = account.known[r]
-    own = view_regime_account(account, r)
+    regime_state = account.states[r]
+    sums = view_regime_account(account, r)
     system = segment.regime.system
-    if known.kind == NOT_INITIALISED:
-        init_regime_account(known, account.mode[r], own, segment.regime, losses)
-    if known.kind == CANCELLING:
+    if regime_state.kind == NOT_INITIALISED:
+        init_regime_account(regime_state, account.mode[r], sums, segment.regime, losses)
+    if regime_state.kind == CANCELLING:
         add_by_quadrature(segment, losses, state, account)
         return
-    if known.window != window.centre:
-        _init_window(known, own, segment.forced, window)
+    if regime_state.window != window.centre:
+        _init_window(regime_state, sums, segment.forced, window)
+
+    # integrals of squared velocities, and the work: forced parts, then free parts
     copy_amplitudes(z, w)
     propagate(system.rows, system.table, system.scale, end - tau, w)
-    _fill_end_powers(own, known.order, window, tau, end)
-    add_products(own.products, own.squares.shape[0], known.order, own.factors, own.squares)
-    work = _compute_forced_work(own, known.order) + _add_free_part(
-        known, own, system.rows, window, end - tau, z, w
+    _fill_end_powers(sums, regime_state.order, window, tau, end)
+    add_products(
+        sums.products, sums.squares.shape[0], regime_state.order, sums.factors, sums.squares
     )
+    work = _compute_forced_work(sums, regime_state.order) + _add_free_part(
+        regime_state, sums, system.rows, window, end - tau, z, w
+    )
+
     _accumulate_losses(
-        known.kind, account.mode[r], own.squares, losses, account.modal, account.totals[0]
+        regime_state.kind, account.mode[r], sums.squares, losses, account.modal, account.totals[0]
     )
     account.totals[0].work += work
 
 
 @jit_inline
-def _init_window(known, own, forced, window):
+def _init_window(regime_state, sums, forced, window):
     """Fill the parts of the account that depend on the forced response in a window."""
-    size = own.squares.shape[0]
-    known.window = window.centre
-    forced_powers(forced.polynomials, size, window.half, own.moments)
-    if known.kind == ONE_PER_MODE:
-        own_partners(own.velocity, size, own.moments, own.partner)
+    size = sums.squares.shape[0]
+    regime_state.window = window.centre
+    write_forced_powers(forced.polynomials, size, window.half, sums.moments)
+    if regime_state.kind == ONE_PER_MODE:
+        write_own_partners(sums.velocity, size, sums.moments, sums.partner)
     else:
-        coupled_partners(own.shape, size, own.moments, own.partner)
-    order = square_partners(own.partner, size, own.products)
-    power_of_point(own.point, size, own.moments, forced.terms, window.half, own.force, own.power)
-    known.order = max(order, _power_order(own.power))
+        write_coupled_partners(sums.shape, size, sums.moments, sums.partner)
+    order = square_partners(sums.partner, size, sums.products)
+    compute_point_power(
+        sums.point, size, sums.moments, forced.terms, window.half, sums.force, sums.power
+    )
+    regime_state.order = max(order, _count_powers(sums.power))
 
 
 @jit
-def _power_order(power):
+def _count_powers(power):
     """Return how many powers of the products with the force count."""
     order = 1
     largest = 0.0
@@ -440,47 +428,49 @@ def _power_order(power):
 
 
 @jit_inline
-def _fill_end_powers(own, order, window, tau, end):
+def _fill_end_powers(sums, order, window, tau, end):
     """Fill the carrier, powers and factors of the segment's ends."""
     c, s = cos_sin(window.omega * tau)
     d, t = cos_sin(window.omega * end)
-    own.carrier[0] = c
-    own.carrier[1] = s
-    own.carrier[2] = d
-    own.carrier[3] = t
-    fill_powers(tau / window.half, end / window.half, own.ends)
+    sums.carrier[0] = c
+    sums.carrier[1] = s
+    sums.carrier[2] = d
+    sums.carrier[3] = t
+    fill_powers(tau / window.half, end / window.half, sums.ends)
     first = complex(c * c - s * s, 2.0 * c * s)
     last = complex(d * d - t * t, 2.0 * d * t)
-    fill_factors(window.omega, window.half, order, first, last, own.ends, own.factors)
+    fill_factors(window.omega, window.half, order, first, last, sums.ends, sums.factors)
 
 
 @jit_inline
-def _compute_forced_work(own, order):
+def _compute_forced_work(sums, order):
     """Return the work done on the forced part."""
     work = 0.0
     for k in range(order):
         for m in range(3):
-            work += own.factors[m, k] * own.power[m, k]
+            work += sums.factors[m, k] * sums.power[m, k]
     return work
 
 
 @jit_inline
-def _add_free_part(known, own, rows, window, h, z, w):
+def _add_free_part(regime_state, sums, rows, window, h, z, w):
     """Add the integrals with free parts to the squares and return their work.
 
     ``h`` (s): length of the segment; z and w (2, J): amplitudes at its begin and end.
     """
-    size = own.squares.shape[0]
-    slot_moments(rows, size, window.omega, window.half, own.ends, own.carrier, z, w, own.moments)
-    _fix_resonant_moments(rows, window, own.ends, own.carrier, own.near, z, w, own.moments)
-    if known.kind == ONE_PER_MODE:
-        add_own_squares(rows, own.velocity, h, z, w, own.decay, own.squares)
-        own_mixed(own.velocity, size, own.moments, own.partner, own.squares)
+    size = sums.squares.shape[0]
+    compute_amplitude_moments(
+        rows, size, window.omega, window.half, sums.ends, sums.carrier, z, w, sums.moments
+    )
+    _fix_resonant_moments(rows, window, sums.ends, sums.carrier, sums.near, z, w, sums.moments)
+    if regime_state.kind == ONE_PER_MODE:
+        add_own_squares(rows, sums.velocity, h, z, w, sums.decay, sums.squares)
+        add_own_mixed(sums.velocity, size, sums.moments, sums.partner, sums.squares)
     else:
-        integrate_pairs(rows, own.pairs, known.series, h, z, w, own.decay)
-        add_pairs(own.shape, size, own.pairs, own.squares)
-        coupled_mixed(own.shape, size, own.moments, own.partner, own.squares)
-    return mixed_power(own.point, size, own.moments, own.force)
+        integrate_pairs(rows, sums.pairs, regime_state.series, h, z, w, sums.decay)
+        add_pairs(sums.shape, size, sums.pairs, sums.squares)
+        add_coupled_mixed(sums.shape, size, sums.moments, sums.partner, sums.squares)
+    return compute_mixed_power(sums.point, size, sums.moments, sums.force)
 
 
 @jit

@@ -3,8 +3,8 @@
 They are integrals of products: of two modal amplitudes; of a modal amplitude and a power of time on
 the force's carrier; and of two such powers. Each is a difference of an antiderivative between the
 segment's ends, or a series where that would divide by almost zero. Its error is a few roundings of
-the antiderivative, so it is small beside the energy of the modal amplitude, though not always
-beside the integral of a very short segment. No integral knows the equations of motion.
+the antiderivative: small compared with the energy of the modal amplitude, though not always
+compared with the integral over a very short segment. No integral uses the equations of motion.
 
 In: modal amplitudes ``z`` and ``w`` (2, size) at begin and end of a segment, the polynomials of
 `forced.Forced`, weights of modal amplitudes in velocities. Out: the integral of each velocity's
@@ -50,16 +50,27 @@ PRODUCTS = 2 * TERMS - 1  # coefficients of a product of two polynomials
 WIDTH = PRODUCTS + EXTRA_ORDERS + 1  # powers of the time that series need
 _INVERSE = 1.0 / np.maximum(np.arange(2.0 * EXTRA_ORDERS + 20.0), 1.0)
 
+NEGLIGIBLE = 1e-17  # coefficients below this share of the largest one are left out
+
+# planes of pairs (PLANES J, J), of J rows each, for modal amplitudes j <= k: inverse of s_j + s_k
+# and of s_j + conj(s_k), real and imaginary, 0 where a series is needed; which of the two need one
+# (1, 2, 3: both); integrals over a segment of the products of real and imaginary parts of both
+SUM_PLANE = 0
+DIFFERENCE_PLANE = 2
+SERIES_PLANE = 4
+INTEGRAL_PLANE = 5
+PLANES = 9
+
 
 @jit_inline
-def decay_series(y):
+def sum_decay_series(y):
     """Return (exp(y) - 1)/y for -SERIES_DECAY <= y <= 0."""
     f = _F[6] + y * (_F[7] + y * (_F[8] + y * (_F[9] + y * _F[10])))
     return 1.0 + y * (_F[1] + y * (_F[2] + y * (_F[3] + y * (_F[4] + y * (_F[5] + y * f)))))
 
 
 @jit
-def decay_integral(rate, h):
+def integrate_decay(rate, h):
     """Return the integral of exp(rate t) over [0, h] for rate <= 0.
 
     A series gives the integral over a part of h, which is then doubled repeatedly. No table is
@@ -70,7 +81,7 @@ def decay_integral(rate, h):
     while y < -SERIES_DECAY:
         y *= 0.5
         doublings += 1
-    f = decay_series(y)
+    f = sum_decay_series(y)
     for _ in range(doublings):
         f *= 1.0 + 0.5 * y * f
         y *= 2.0
@@ -78,7 +89,7 @@ def decay_integral(rate, h):
 
 
 @jit
-def decay_integrals(rows, h, decay):
+def integrate_decays(rows, h, decay):
     """Write the integral of |exp(s t)|^2 over [0, h] for each modal amplitude to decay (J,)."""
     fastest = 0.0
     part = 2.0 * h
@@ -89,7 +100,7 @@ def decay_integrals(rows, h, decay):
         part *= 0.5
         doublings += 1
     for j in range(decay.shape[0]):
-        decay[j] = decay_series(rows[S, j] * part)
+        decay[j] = sum_decay_series(rows[S, j] * part)
     for _ in range(doublings):
         for j in range(decay.shape[0]):
             decay[j] *= 1.0 + 0.5 * part * rows[S, j] * decay[j]
@@ -99,13 +110,13 @@ def decay_integrals(rows, h, decay):
 
 
 @jit
-def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):
+def integrate_pair(l_r, l_i, h, a_r, a_i, b_r, b_i):
     """Return the integral of a exp(l t) over [0, h], where l is real or almost zero.
 
     b is the value at the end.
     """
     if l_i == 0.0:
-        f = decay_integral(l_r, h)
+        f = integrate_decay(l_r, h)
         return f * a_r, f * a_i
     square = l_r * l_r + l_i * l_i
     if square * h * h < SERIES_TURN * SERIES_TURN:
@@ -139,12 +150,10 @@ def fill_powers(first, last, ends):
 
 @jit
 def fill_moments(exponent, half, ends, first, last, out_r, out_i):
-    """Write the integrals of x^k y, k = 0 ... len(out_r) - 1, over the segment.
+    """Write the integrals of x^k y, k = 0 ... len(out_r) - 1, over the segment to out_r and out_i.
 
-    x is the time in half windows. Real and imaginary parts are written to ``out_r`` and ``out_i``.
-
-    y turns as exp(exponent t), from ``first`` at the begin of the segment to ``last`` at its end,
-    complex numbers all three. ``ends``: from `fill_powers`.
+    x is the time in half windows. y turns as exp(exponent t), from ``first`` at the start of the
+    segment to ``last`` at its end, complex numbers all three. ``ends``: from `fill_powers`.
     """
     count = out_r.shape[0]
     square = exponent.real * exponent.real + exponent.imag * exponent.imag
@@ -170,10 +179,8 @@ def fill_moments(exponent, half, ends, first, last, out_r, out_i):
 def fill_factors(omega, half, count, first, last, ends, factors):
     """Write the factors for products of two factors of the carrier to ``factors`` (3, WIDTH).
 
-    ``count`` powers are filled.
-
-    The product of Re(a E) and Re(b E), twice: Re a Re b + Im a Im b without a carrier, and a b on
-    its square, which turns from ``first`` to ``last``.
+    ``count`` powers are filled. Twice the product of Re(a E) and Re(b E) is Re a Re b + Im a Im b
+    without a carrier, and a b on its square, which turns from ``first`` to ``last``.
     """
     fill_moments(
         complex(0.0, 2.0 * omega), half, ends, first, last, factors[0, :count], factors[2, :count]
@@ -184,10 +191,8 @@ def fill_factors(omega, half, count, first, last, ends, factors):
         factors[0, k], factors[1, k], factors[2, k] = plain + x, plain - x, -factors[2, k]
 
 
-NEGLIGIBLE = 1e-17  # coefficients below this share of the largest one are left out
-
-
 def _store_powers(code: Code, up: Complex, down: Complex, powers: Any, at: Any, plane: Any) -> None:
+    """Write the four combinations of A (``up``) and B (``down``) that ``powers`` holds."""
     for k, part in enumerate(
         (up.real + down.real, up.imag - down.imag, up.real - down.real, up.imag + down.imag)
     ):
@@ -195,7 +200,7 @@ def _store_powers(code: Code, up: Complex, down: Complex, powers: Any, at: Any, 
 
 
 @vector_code()
-def forced_powers(code: Code, polynomials, size: Index, half: Number, powers):
+def write_forced_powers(code: Code, polynomials, size: Index, half: Number, powers):
     """Write the forced part of all modal amplitudes to ``powers``.
 
     It is written in powers of the time in half windows.
@@ -213,16 +218,14 @@ def forced_powers(code: Code, polynomials, size: Index, half: Number, powers):
 
 
 @vector_code()
-def slot_moments(
+def compute_amplitude_moments(
     code: Code, rows, size: Index, omega: Number, half: Number, ends, carrier, z, w, powers
 ):
-    """Write the integrals of x^k y over a segment to ``powers``.
+    """Write the moments of all modal amplitudes over a segment to ``powers``.
 
-    In these integrals x is the time in half windows, and y is a modal amplitude times the carrier
-    or times its conjugate.
-
-    They are divided by the difference of the frequencies of modal amplitude and carrier; where it
-    is almost zero they need a correction.
+    They are the integrals of x^k y with the time x in half windows and y a modal amplitude times
+    the carrier or its conjugate. Their divisor, the difference of the frequencies of amplitude and
+    carrier, can be almost zero: such moments need a correction.
     """
     plane = size * TERMS
     inverse_half = code.repeated(1.0, 0) / half
@@ -259,7 +262,7 @@ def slot_moments(
             _store_powers(code, up, down, powers, size * k + j, plane)
 
 
-def _own_velocities(
+def _walk_own_velocities(
     code: Code, shape: Any, size: Any, powers: Any
 ) -> Iterator[tuple[Any, list[Complex]]]:
     """Repeat the following code for some modal amplitudes each, with their velocities' powers.
@@ -282,7 +285,7 @@ def _own_velocities(
         yield j, velocities
 
 
-def _velocities(
+def _walk_velocities(
     code: Code, shape: Any, size: Any, powers: Any
 ) -> Iterator[tuple[Any, list[Complex]]]:
     """Repeat the following code for some columns each, with their velocities' powers.
@@ -309,12 +312,14 @@ def _velocities(
 
 
 def _partner_code(coupled: bool) -> Any:
+    """Return vector code that writes the velocities' forced parts to ``partner``."""
+
     @vector_code()
     def partners(code: Code, shape, size: Index, powers, partner):
         walk = (
-            _velocities(code, shape, size, powers)
+            _walk_velocities(code, shape, size, powers)
             if coupled
-            else _own_velocities(code, shape, size, powers)
+            else _walk_own_velocities(code, shape, size, powers)
         )
         for i, velocities in walk:
             for n, velocity in enumerate(velocities):
@@ -329,12 +334,14 @@ def _partner_code(coupled: bool) -> Any:
 
 
 def _mixed_code(coupled: bool) -> Any:
+    """Return vector code that adds the integrals of free velocities times their partners."""
+
     @vector_code()
     def mixed(code: Code, shape, size: Index, powers, partner, integrals):
         walk = (
-            _velocities(code, shape, size, powers)
+            _walk_velocities(code, shape, size, powers)
             if coupled
-            else _own_velocities(code, shape, size, powers)
+            else _walk_own_velocities(code, shape, size, powers)
         )
         for i, velocities in walk:
             total = code.vector(integrals, i)
@@ -351,20 +358,20 @@ def _mixed_code(coupled: bool) -> Any:
     return mixed
 
 
-own_partners = _partner_code(False)
-coupled_partners = _partner_code(True)
-own_mixed = _mixed_code(False)
-coupled_mixed = _mixed_code(True)
+write_own_partners = _partner_code(False)
+write_coupled_partners = _partner_code(True)
+add_own_mixed = _mixed_code(False)
+add_coupled_mixed = _mixed_code(True)
 
 
 @vector_code(NUMBER)
-def mixed_power(code: Code, point, size: Index, powers, force):
+def compute_mixed_power(code: Code, point, size: Index, powers, force):
     """Return the integral of the force times the free velocity of its point.
 
     ``point`` (2, size) are weights.
     """
     total = code.sum(code.lanes)
-    for _, velocities in _own_velocities(code, point, size, powers):
+    for _, velocities in _walk_own_velocities(code, point, size, powers):
         for n in range(0, TERMS, 2):
             total.add_product(code.spread(code.number(force, n)), velocities[n].real)
             total.add_product(-code.spread(code.number(force, WIDTH + n)), velocities[n].imag)
@@ -375,9 +382,8 @@ def mixed_power(code: Code, point, size: Index, powers, force):
 def square_partners(code: Code, partner, size: Index, products):
     """Write half the squares of ``partner`` to ``products`` (3, PRODUCTS, size).
 
-    Returns how many powers of these squares are not negligible.
-
     They are sums of products of real parts, of imaginary parts, and of real with imaginary parts.
+    Returns how many of their powers are not negligible.
     """
     order = code.variable(1)
     for i in code.single_vectors(size):
@@ -388,9 +394,9 @@ def square_partners(code: Code, partner, size: Index, products):
         amounts = []
         for p in range(PRODUCTS):
             products_of_p = [
-                _half_square(code, reals, p),
-                _half_square(code, imags, p),
-                _product(reals, imags, p),
+                _compute_half_square(code, reals, p),
+                _compute_half_square(code, imags, p),
+                _compute_product(reals, imags, p),
             ]
             for k, sum_ in enumerate(products_of_p):
                 code.store(sum_, products, size * (PRODUCTS * k + p) + i)
@@ -409,16 +415,14 @@ def square_partners(code: Code, partner, size: Index, products):
 
 
 @vector_code()
-def power_of_point(code: Code, point, size: Index, powers, terms, half: Number, force, power):
+def compute_point_power(code: Code, point, size: Index, powers, terms, half: Number, force, power):
     """Write half the force, and its products with the forced velocity of its point.
 
-    Both are written in powers of the time in half windows.
-
-    ``point`` (2, size): weights; ``powers``: of the modal amplitudes' forced parts; ``terms`` (2,
-    TERMS) of `forced.Forced`.
+    Both are written in powers of the time in half windows. ``point`` (2, size): weights;
+    ``powers``: of the modal amplitudes' forced parts; ``terms`` (2, TERMS) of `forced.Forced`.
     """
     sums = [(code.sum(code.lanes), code.sum(code.lanes)) for _ in range(TERMS)]
-    for _, velocities in _own_velocities(code, point, size, powers):
+    for _, velocities in _walk_own_velocities(code, point, size, powers):
         for (real, imag), velocity in zip(sums, velocities, strict=True):
             real += velocity.real
             imag += velocity.imag
@@ -441,7 +445,7 @@ def power_of_point(code: Code, point, size: Index, powers, terms, half: Number, 
             code.put(total, power, WIDTH * k + p)
 
 
-def _half_square(code: Code, numbers: list[Number], p: int) -> Number:
+def _compute_half_square(code: Code, numbers: list[Number], p: int) -> Number:
     """Return the coefficient of power p of half the square of a polynomial."""
     total = None
     for k in range(max(0, p - TERMS + 1), (p + 1) // 2):
@@ -455,7 +459,7 @@ def _half_square(code: Code, numbers: list[Number], p: int) -> Number:
     return half * numbers[p // 2] if total is None else half.fma(numbers[p // 2], total)
 
 
-def _product(one: list[Number], other: list[Number], p: int) -> Number:
+def _compute_product(one: list[Number], other: list[Number], p: int) -> Number:
     """Return the coefficient of power p of the product of two polynomials."""
     places = range(max(0, p - TERMS + 1), min(p, TERMS - 1) + 1)
     total = one[places[0]] * other[p - places[0]]
@@ -481,22 +485,12 @@ def add_products(code: Code, products, size: Index, count: Index, factors, integ
         code.store(sums[0].number() + sums[1].number() + sums[2].number(), integrals, i)
 
 
-# planes of pairs (PLANES J, J), of J rows each, for modal amplitudes j <= k: inverse of s_j + s_k
-# and of s_j + conj(s_k), real and imaginary, 0 where a series is needed; which of the two need one
-# (1, 2, 3: both); integrals over a segment of the products of real and imaginary parts of both
-SUM_PLANE = 0
-DIFFERENCE_PLANE = 2
-SERIES_PLANE = 4
-INTEGRAL_PLANE = 5
-PLANES = 9
-
-
 @jit_inline
 def _needs_series(j, k, special):
     """Return whether the integral of a pair needs its own series.
 
     The pair of an oscillating modal amplitude and its conjugate needs none, because
-    `decay_integrals` gives its integral.
+    `integrate_decays` gives its integral.
     """
     return special > 0 and not (j == k and special == 2)
 
@@ -530,7 +524,7 @@ def init_pairs(rows, pairs):
 
 
 @vector_code()
-def _pair_integrals(code: Code, pairs, size: Index, z, w):
+def _fill_pair_integrals(code: Code, pairs, size: Index, z, w):
     """Fill INTEGRAL_PLANE for modal amplitudes z at begin and w at end of the segment.
 
     Integrals that need a series are set to zero.
@@ -605,7 +599,7 @@ def _add_series(rows, pairs, h, z, w):
                 a_i = sign * z[0, j] * z[1, k] + z[1, j] * z[0, k]
                 b_r = w[0, j] * w[0, k] - sign * w[1, j] * w[1, k]
                 b_i = sign * w[0, j] * w[1, k] + w[1, j] * w[0, k]
-                x, y = pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i)
+                x, y = integrate_pair(l_r, l_i, h, a_r, a_i, b_r, b_i)
                 x = factor * x
                 y = factor * y
                 pairs[INTEGRAL_PLANE * size + j, k] += x
@@ -616,34 +610,30 @@ def _add_series(rows, pairs, h, z, w):
 
 @jit
 def integrate_pairs(rows, pairs, series, h, z, w, decay):
-    """Fill INTEGRAL_PLANE for a segment of length ``h`` (s).
-
-    The modal amplitudes are z at its begin and w at its end (2, J).
+    """Fill INTEGRAL_PLANE for a segment of ``h`` (s), amplitudes z at its start, w at its end.
 
     ``series``: how many pairs need series, from `init_pairs`; ``decay`` (J,) is scratch.
     """
     size = z.shape[1]
-    _pair_integrals(pairs, size, z, w)
-    decay_integrals(rows, h, decay)
+    _fill_pair_integrals(pairs, size, z, w)
+    integrate_decays(rows, h, decay)
     for j in range(size):
         if pairs[SERIES_PLANE * size + j, j] == 2.0:
-            own = 0.5 * decay[j] * (z[0, j] * z[0, j] + z[1, j] * z[1, j])
-            pairs[INTEGRAL_PLANE * size + j, j] += own
-            pairs[(INTEGRAL_PLANE + 1) * size + j, j] += own
+            square = 0.5 * decay[j] * (z[0, j] * z[0, j] + z[1, j] * z[1, j])
+            pairs[INTEGRAL_PLANE * size + j, j] += square
+            pairs[(INTEGRAL_PLANE + 1) * size + j, j] += square
     if series > 0:
         _add_series(rows, pairs, h, z, w)
 
 
 @jit
 def add_own_squares(rows, velocity, h, z, w, decay, squares):
-    """Add the integrals of squared velocities over a segment to ``squares`` (J,).
+    """Add the integrals of squared velocities of single modal amplitudes to ``squares`` (J,).
 
-    Each velocity is that of one modal amplitude. The segment has the length ``h`` (s).
-
-    ``velocity`` (2, J): the modal amplitudes' weights; z and w (2, J): the modal amplitudes at its
-    begin and end; ``decay`` (J,) is scratch.
+    ``velocity`` (2, J): the amplitudes' weights; z and w (2, J): the amplitudes at start and end of
+    a segment of length ``h`` (s); ``decay`` (J,) is scratch.
     """
-    decay_integrals(rows, h, decay)
+    integrate_decays(rows, h, decay)
     for j in range(decay.shape[0]):
         v = complex(velocity[0, j], velocity[1, j])
         a = v * complex(z[0, j], z[1, j])

@@ -24,8 +24,8 @@ TAYLOR_START_REACH, s of the fastest modal amplitude or of a quicker force. Retu
 reach (the last flights of a chatter) are found in this series, and so is the wall ahead of a start
 at rate zero: the last bounces of a chatter against friction end on it. A rate into the wall, as an
 impact of another absorber can leave it, counts as an immediate impact. A rate that starts at zero
-grows in the watched direction, since slip was begun in that direction: a second derivative of the
-other sign that is as small as rounding counts as zero.
+grows in the direction of slip: a second derivative of the other sign that is as small as rounding
+counts as zero.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ from impact_env.kernels.events.signals import (
     SIGNAL_ROUNDING,
     BoundedSignal,
     GuardEvent,
+    compute_signal_scale,
+    compute_time_resolution,
     evaluate_terms,
-    failed_search,
     find_event_wall,
+    make_failed_search,
     refine_root,
+    replace_evaluations,
     select_terms,
-    signal_scale,
-    time_resolution,
-    with_evaluations,
 )
 from impact_env.kernels.motion.forced import (
     FIFTH,
@@ -76,9 +76,12 @@ ACCELERATION_TOL = 1e-11
 # amplitudes than its own, which cancel (`secular.raised`)
 WALL_ACCELERATION_TOL = 10.0 * ACCELERATION_TOL
 
+MOST_CAREFUL_EVALUATIONS = 2_000_000
+STEP_GROWTH = 4.0  # of a safe step against the one before
+
 
 @jit_inline
-def taylor_reach(function):
+def compute_taylor_reach(function):
     """Return how far (s) the Taylor series of a start on a guard is used."""
     return TAYLOR_START_REACH / max(function.system.scale[LARGEST_RATE], function.omega)
 
@@ -93,9 +96,8 @@ def evaluate_taylor(t, d, v, a, j, s, c):
 def count_sign_changes(t, h, d, v, a, j, s, c):
     """Return the number of sign changes of Bernstein coefficients over (t, t + h).
 
-    The number refers to the polynomial of `evaluate_taylor`.
-
-    It bounds the number of roots there.
+    They are those of the polynomial of `evaluate_taylor`; the number bounds the number of its
+    roots.
     """
     p0 = evaluate_taylor(t, d, v, a, j, s, c)
     p1 = h * evaluate_taylor(t, v, a, j, s, c, 0.0) / 5
@@ -127,13 +129,11 @@ def bisect_root(left, right, d, v, a, j, s, c):
 
 @jit
 def find_taylor_root(d, v, a, j, s, c, reach, noise):
-    """Return the first root in (0, reach] of `evaluate_taylor`.
+    """Return the first root in (0, reach] of `evaluate_taylor`, -1 if it does not become negative.
 
-    The result is -1 if the polynomial does not become negative. ``noise`` is its rounding error.
-
-    A start below 0 counts as 0, unless it goes on below. Intervals are halved until the
-    coefficients allow no root or only one. What dips below 0 and turns there by less than its
-    rounding, or within less than FINEST_SHARE of the reach, does not reach it.
+    ``noise`` is its rounding error. A start below 0 counts as 0, unless it continues below.
+    Intervals are halved until the coefficients allow no root or only one. A dip below 0 by less
+    than its rounding, or within less than FINEST_SHARE of the reach, does not count.
     """
     left = 0.0
     h = reach / 4
@@ -162,7 +162,7 @@ def find_taylor_root(d, v, a, j, s, c, reach, noise):
 def snap_to_guard(guards, noise, bounded):
     """Return a signal without the rounding error of the guard on which it starts.
 
-    From a wall that the signal does not leave it has a distance of ``noise``.
+    Its distance from walls on which it does not start is at least ``noise``.
     """
     y = bounded.y
     v = 0.0
@@ -181,7 +181,7 @@ def leaves_quickly(function, guards, bounded):
     This is the case if the safe step from distance zero is longer than the time in which rounding
     matters.
     """
-    reach = taylor_reach(function)
+    reach = compute_taylor_reach(function)
     if guards.side != 0:
         return -guards.side * bounded.v > bounded.b2 * reach
     if guards.direction is not None:
@@ -193,9 +193,8 @@ def leaves_quickly(function, guards, bounded):
 def find_first_reversal(guards, bounded, high, reach, noise):
     """Return the time at which the rate first changes its sign after a start on a guard, or -1.
 
-    Times up to ``reach`` (s) after the start are considered.
-
-    ``high``: the third to fifth derivatives; ``noise``: the rounding of the rate.
+    Times up to ``reach`` (s) are considered. ``high``: the third to fifth derivatives; ``noise``:
+    the rounding of the rate.
     """
     if guards.direction is None:
         return -1.0
@@ -229,14 +228,13 @@ def find_first_reversal(guards, bounded, high, reach, noise):
 
 @jit_inline
 def find_first_hit(guards, bounded, v, high, reach, noise):
-    """Return (time, event) of the first hit within ``reach`` (s).
+    """Return (time, event) of the first hit of a wall within ``reach`` (s), time -1 without.
 
-    If none occurs, the time is -1. ``high`` and ``noise`` are those of `find_first_reversal`.
-
-    From a wall: back on it, or on the opposite one, whichever is first. In a gap far below the
-    amplitudes that one, too, lies within reach: a flight that is slow beside them makes up to b2
-    reach^2 in it, 1e-4 of the amplitudes. What begins at rest on a wall leaves it. From a start at
-    rate zero inside the cavity: the wall ahead.
+    ``high`` and ``noise`` as in `find_first_reversal`. After a start on a wall it is the return to
+    this wall, or the hit of the opposite one, whichever is first. In a gap far below the amplitudes
+    the opposite wall, too, lies within reach: a slow flight covers up to b2 reach^2, 1e-4 of the
+    amplitudes. A start at rest on a wall leaves it. After a start at rate zero inside the cavity it
+    is the hit of the wall ahead.
     """
     side = guards.side
     j, s, c = high
@@ -284,11 +282,10 @@ def find_first_hit(guards, bounded, v, high, reach, noise):
 def search_from_guard(function, guards, bounded):
     """Return (offset, event) after a start on a guard.
 
-    The offset is that from which the search may trust computed distances, or that of an event
-    before it. ``bounded`` is the signal at its start.
-
-    What is known to be zero is left out: the constant term, divided by t, or the linear one. Where
-    both a wall and the rate are watched the earlier event is returned.
+    From this offset on the search may use computed distances; or it is the offset of an event that
+    comes before. ``bounded`` is the signal at its start. Terms that are known to be zero are left
+    out: the constant one, the series being divided by t, or the linear one. Where both walls and
+    rate have guards the earlier event is returned.
     """
     system = function.system
     signals = function.forced.signals
@@ -307,7 +304,7 @@ def search_from_guard(function, guards, bounded):
     j += evaluate_signal(signals, THIRD, omega, tau)
     s += evaluate_signal(signals, FOURTH, omega, tau)
     c += evaluate_signal(signals, FIFTH, omega, tau)
-    offset = taylor_reach(function)
+    offset = compute_taylor_reach(function)
     event = NOTHING
     t = find_first_reversal(guards, bounded, (j, s, c), offset, noise)
     if t >= 0.0:
@@ -318,10 +315,6 @@ def search_from_guard(function, guards, bounded):
         offset = t
         event = hit
     return offset, event
-
-
-MOST_CAREFUL_EVALUATIONS = 2_000_000
-STEP_GROWTH = 4.0  # of a safe step against the one before
 
 
 @jit_inline
@@ -337,16 +330,15 @@ def solve_parabola(d, g, b):
 
 
 @jit_inline
-def safe_step(d, g, a, b2, b3, reach):
+def compute_safe_wall_step(d, g, a, b2, b3, reach):
     """Return a step within which the wall at distance d > 0 cannot be reached.
 
-    g is the closing speed and a the closing acceleration.
-
-    ``reach``: a guess of the step; no result is longer.
+    g is the closing speed, a the closing acceleration, b2 and b3 are bounds of the second and third
+    derivative. ``reach``: a guess of the step; no result is longer.
     """
     b = min(a + b3 * reach, b2)
     step = min(solve_parabola(d, g, max(b, 0.0)), reach)
-    if step < 0.4 * reach:  # the bound over the reach was too careful
+    if step < 0.4 * reach:  # a shorter reach has a smaller bound
         b = min(a + 2.0 * b3 * step, b2)
         step = max(step, min(solve_parabola(d, g, max(b, 0.0)), 2.0 * step))
     return step
@@ -371,10 +363,12 @@ def compute_safe_step(guards, bounded, reach):
         closing = -v
         bend = -bounded.a
     if ahead < np.inf:
-        step = safe_step(ahead, closing, bend, bounded.b2, bounded.b3, reach)
+        step = compute_safe_wall_step(ahead, closing, bend, bounded.b2, bounded.b3, reach)
     # the wall behind needs a root only if the step could take the signal back to it
     if not behind + closing * step - 0.5 * bounded.b2 * step * step > 0.0:
-        step = min(step, safe_step(behind, -closing, -bend, bounded.b2, bounded.b3, reach))
+        step = min(
+            step, compute_safe_wall_step(behind, -closing, -bend, bounded.b2, bounded.b3, reach)
+        )
     if guards.direction is not None:
         step = min(
             step, solve_parabola(guards.direction * v, -guards.direction * bounded.a, bounded.b3)
@@ -386,10 +380,8 @@ def compute_safe_step(guards, bounded, reach):
 def find_root_ahead(guards, bounded):
     """Return (kind, step) of the event ahead if it is certainly the next one and simple.
 
-    Otherwise the kind is NOTHING.
-
-    A wall: the closing speed stays positive over twice the step. A reversal: the rate's slope
-    keeps its sign over twice the step, and the wall ahead is further than the way made in it.
+    A wall: the closing speed stays positive over twice the step. A reversal: the rate's slope keeps
+    its sign over twice the step, and the wall ahead is further than the way made in it.
     """
     y = bounded.y
     v = bounded.v
@@ -422,7 +414,7 @@ def find_root_ahead(guards, bounded):
 
 @jit
 def find_nearest_event(guards, bounded):
-    """Return the guard that the search has converged to."""
+    """Return the kind of event that the search has converged to."""
     to_high = guards.high - bounded.y
     to_low = bounded.y - guards.low
     if guards.direction is not None:
@@ -463,7 +455,7 @@ def check_guards(guards, noise, bounded):
     y = bounded.y
     v = bounded.v
     slowing = -bounded.a if v > 0.0 else bounded.a
-    beyond = v * v > 2.0 * slowing * noise  # it goes on by more than its rounding before it turns
+    beyond = v * v > 2.0 * slowing * noise  # it moves by more than its rounding before it turns
     if guards.direction is not None:
         if guards.direction * v <= 0.0:
             return REVERSAL, y
@@ -500,22 +492,22 @@ def refine_event_ahead(function, guards, bounded, offset, length, resolution):
 
 @jit
 def careful_search(function, guards, start, stop, length):
-    """Return the first GuardEvent from the offset ``start`` on.
-
-    If no event occurs up to ``stop``, the result is NOTHING with the offset ``stop``.
+    """Return the first GuardEvent from the offset ``start`` on, or NOTHING at the offset ``stop``.
 
     Other arguments as in `search.search_events`. An event between ``stop`` and ``length`` may be
     returned.
     """
-    resolution = time_resolution(function.system.rows, function.omega, length)
+    resolution = compute_time_resolution(function.system.rows, function.omega, length)
     on_guard = guards.side != 0 or guards.zero_rate
     most = min(MOST_CAREFUL_EVALUATIONS, function.signal.memory[1])
-    noise = SIGNAL_ROUNDING * signal_scale(function.signal, function.forced.bound)
+    noise = SIGNAL_ROUNDING * compute_signal_scale(function.signal, function.forced.bound)
     offset = start
     count = 0
     reach = stop - start
     while offset < stop and count < most:
         count += 1
+
+        # has the search reached an event?
         bounded = bound_signal(function, offset)
         first = on_guard and offset == 0.0
         if offset == 0.0 and noise == 0.0 and bounded.v == 0.0 and bounded.a == 0.0:
@@ -537,13 +529,15 @@ def careful_search(function, guards, start, stop, length):
                 return GuardEvent(kind, offset, y, bounded.v, bounded.a, count)
             event = refine_event_ahead(function, guards, bounded, offset, length, resolution)
             if event.kind != NOTHING:
-                return with_evaluations(event, count + event.evaluations)
+                return replace_evaluations(event, count + event.evaluations)
+
+        # a step within which no guard can be reached
         step = compute_safe_step(guards, bounded, reach)
         if first:
             step *= 0.5  # the whole of it could end on the guard again
         reach = STEP_GROWTH * step
         if np.isnan(step):  # the caller finds it in the state
-            return failed_search(count)
+            return make_failed_search(count)
         if offset + step >= stop:  # also where the length left is below the resolution of time
             break
         if step <= resolution:  # also below zero: both walls are nearer than the signal's rounding
@@ -552,7 +546,7 @@ def careful_search(function, guards, start, stop, length):
             )
         offset += step
     return (
-        failed_search(count)
+        make_failed_search(count)
         if count >= most
         else GuardEvent(NOTHING, max(stop, offset), 0.0, 0.0, 0.0, count)
     )
@@ -570,7 +564,9 @@ def has_no_event(load, function, guards, length):
         return False
     bounded = bound_signal(function, 0.0)
     kind, y = check_guards(
-        guards, SIGNAL_ROUNDING * signal_scale(function.signal, function.forced.bound), bounded
+        guards,
+        SIGNAL_ROUNDING * compute_signal_scale(function.signal, function.forced.bound),
+        bounded,
     )
     return (
         kind == NOTHING

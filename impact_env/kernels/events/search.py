@@ -29,7 +29,7 @@ Start on a guard. There y(0) = wall is known, and the first step is clear if the
 (H - wall)/t, three coefficients again, keeps off zero by more than its error. Of a summed modal
 amplitude this is y''''/24 t (h - t)^2, at most 64/27 E/h. A modal amplitude U that is not summed is
 part of the known zero alone: it adds U(t) - U(0) (1 - x)^2 (1 + 2 x) to the distance, x = t/h, at
-most (9/8 |U| + h |s U|) x (`start_error`; docs/method.md).
+most (9/8 |U| + h |s U|) x (`compute_start_error`; docs/method.md).
 
 [1] Birkhoff, Priver: Hermite interpolation errors for derivatives, J. Math. Phys. 46 (1967).
 """
@@ -56,12 +56,12 @@ from impact_env.kernels.events.signals import (
     SIN,
     VALUE,
     GuardEvent,
-    failed_search,
+    compute_time_resolution,
     find_event_wall,
+    make_failed_search,
     refine_root,
+    replace_evaluations,
     select_terms,
-    time_resolution,
-    with_evaluations,
 )
 from impact_env.kernels.motion.forced import (
     DERIVATIVES,
@@ -80,45 +80,61 @@ from impact_env.kernels.motion.modal_system import (
 )
 
 
+class BlockStart(NamedTuple):
+    """The start of a block."""
+
+    offset: float  # from the signal's reference time (s)
+    cos: float  # the force's carrier there
+    sin: float  # the same
+    turns: int  # blocks since the amplitudes were computed by `start_block`
+
+
+class SearchStep(NamedTuple):
+    """The step of a search level."""
+
+    level: int  # its number
+    h: float  # length (s)
+    summed: int  # modal amplitudes to sum
+    e0: float  # error E of the signal
+    e1: float  # error of its rate
+
+
+START_ERROR = (
+    64.0 / 27.0
+)  # of E: what a summed modal amplitude's share becomes when it is divided by t/h
+START_JUMP = (
+    9.0 / 8.0
+)  # of an unsummed modal amplitude's amplitude: largest (1 - (1 - x)^2 (1 + 2 x))/x
+# of the signal's fall over a step, where an event in it is accepted: the error E is below the
+# first, and the fall between any two coefficients above the second. Then E moves the root by a
+# third of a step at most, and usually by a twentieth, and Newton's method goes on with the signal
+# itself. Both only decide whether a step is halved first: an event that is found does not depend on
+# them
+ROOT_ERROR_TOL = 0.05
+ROOT_SLOPE_TOL = 0.05
+LEVEL_RATIO = 4.0
+
+# of h^4 times the largest fourth derivative: error of the cubic between two points [1]
+HERMITE_SHARE = 1.0 / 384.0
+SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
+# of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
+SLOPE_ERROR = 1.03
+STEP_HALF_WIDTH = 0.5 + 1e-9  # of a step, from its middle
+# blocks after which the moving amplitudes are recomputed, long before their rounding comes near
+# SCAN_NOISE
+MOST_BLOCKS = 2_000
+
+
 @vector_code(INTEGER)
 def lowest_bit(code: Code, mask: Index):
     """Return the place of the lowest bit that is set; 64 where there is none."""
     return code.lowest_bit(mask)
 
 
-class BlockStart(NamedTuple):
-    """The begin of a block.
-
-    ``offset`` (s) is measured from the signal's reference time, ``cos`` and ``sin`` are the force's
-    carrier at this time, and ``turns`` counts the blocks since the amplitudes were computed.
-    """
-
-    offset: float
-    cos: float
-    sin: float
-    turns: int
-
-
-class SearchStep(NamedTuple):
-    """Step of a search level.
-
-    ``h`` (s) is its length, ``summed`` the number of amplitudes to sum, and ``e0`` and ``e1`` are
-    the errors E of signal and rate.
-    """
-
-    level: int
-    h: float
-    summed: int
-    e0: float
-    e1: float
-
-
-def _sum_slots(
+def _sum_amplitudes(
     code: Code, orders: int, waves: Any, first: Any, w: Any, size: Any, count: Any
 ) -> tuple[list[Number], list[Number]]:
-    """Return two sums of real parts for each order q.
-
-    They are sum_j Re(w[q, j] wave[j, k]) as a vector over k, and sum_j Re(w[q, j]).
+    """Return sum_j Re(w[q, j] wave[j, k]) as a vector over k, and sum_j Re(w[q, j]), for orders q.
 
     The products of real and of imaginary parts have sums of their own, so that none waits for the
     other.
@@ -141,7 +157,8 @@ def _sum_slots(
     ]
 
 
-def _horner(code: Code, signals: Any, m: int, part: int, y: Number) -> Number:
+def _evaluate_polynomials(code: Code, signals: Any, m: int, part: int, y: Number) -> Number:
+    """Return part 0 or 1 of signal m's forced polynomial at POINTS times ``y``."""
     total = code.spread(code.number(signals, coefficient_index(m, SCAN_TERMS - 1, part)), POINTS)
     for n in range(SCAN_TERMS - 2, -1, -1):
         total = total.fma(
@@ -150,7 +167,7 @@ def _horner(code: Code, signals: Any, m: int, part: int, y: Number) -> Number:
     return total
 
 
-def _margins(
+def _find_bernstein_range(
     left: Number, right: Number, left_slope: Number, right_slope: Number, third: Number
 ) -> tuple[Number, Number]:
     """Return the smallest and the largest of the Bernstein coefficients of cubics.
@@ -176,7 +193,7 @@ def _fill_block(
     h = code.spread(step.h, POINTS)
     x = function.tau + place.offset
     first = step.level * size * (2 * POINTS)
-    sums, firsts = _sum_slots(code, orders, function.system.waves, first, w, size, step.summed)
+    sums, firsts = _sum_amplitudes(code, orders, function.system.waves, first, w, size, step.summed)
     steps = code.constant(range(1, POINTS + 1))
     y, z = (steps.fma(h, code.spread(start, POINTS)) for start in (x, place.offset))
     at = step.level * (2 * POINTS)
@@ -193,7 +210,7 @@ def _fill_block(
     lefts = []
     rights = []
     for q in range(orders):
-        real, imaginary = (_horner(code, signals, q, part, y) for part in (0, 1))
+        real, imaginary = (_evaluate_polynomials(code, signals, q, part, y) for part in (0, 1))
         forced = real.fma(cos, (-imaginary).fma(sin, polynomials[q]))
         code.store(forced, b, FORCED + ROW * q + 1)
         rights.append(sums[q] + forced)
@@ -206,13 +223,11 @@ def _fill_block(
 
 @vector_code(INTEGER, 2)
 def scan(code: Code, function, guards, place, step, size: Index):
-    """Fill a block and return (walls, reversals).
-
-    Bit k of walls or reversals is set if step k is not clear of walls or of a reversal.
+    """Fill a block and return (walls, reversals); bit k: step k is not clear of them.
 
     ``function``: a `signals.EventFunction`, whose block has the forced parts at its start set, and
-    the carrier of the step's level; ``guards``: its `signals.Guards`; ``place``: where the block
-    begins; ``size``: modal amplitudes that the signal has.
+    the carrier of the step's level; ``guards``: its `signals.Guards`; ``place``: the `BlockStart`;
+    ``step``: the `SearchStep`; ``size``: modal amplitudes that the signal has.
     """
     walls = guards.low is not None
     reversal = guards.direction is not None
@@ -223,11 +238,11 @@ def scan(code: Code, function, guards, place, step, size: Index):
         low, high, error = (
             code.spread(number, POINTS) for number in (guards.low, guards.high, step.e0)
         )
-        least, largest = _margins(lefts[0], rights[0], lefts[1], rights[1], third)
+        least, largest = _find_bernstein_range(lefts[0], rights[0], lefts[1], rights[1], third)
         masks[0] = ((high - largest).least(least - low) - error).not_positive()
     if reversal:
         sign = code.spread(guards.direction, POINTS)
-        least, _ = _margins(
+        least, _ = _find_bernstein_range(
             sign * lefts[1], sign * rights[1], sign * lefts[2], sign * rights[2], third
         )
         masks[1] = (least - code.spread(step.e1, POINTS)).not_positive()
@@ -235,8 +250,10 @@ def scan(code: Code, function, guards, place, step, size: Index):
 
 
 def _propagation_code(orders: int) -> Any:
+    """Return vector code that propagates the amplitudes of ``orders`` derivatives."""
+
     @vector_code()
-    def turn(code: Code, turns, start: Index, w, size: Index):
+    def propagate(code: Code, turns, start: Index, w, size: Index):
         for j in code.vectors(size):
             at = start + j
             factor = code.complex(turns, at, at + size)
@@ -245,11 +262,11 @@ def _propagation_code(orders: int) -> Any:
                 other = index + size
                 code.store_complex(code.complex(w, index, other).times(factor), w, index, other)
 
-    turn.__doc__ = (
+    propagate.__doc__ = (
         "Multiply w[q, j] by turn[j] for all orders q; ``turns``: flat, from ``start`` on "
         "``size`` real, then ``size`` imaginary parts."
     )
-    return turn
+    return propagate
 
 
 @vector_code()
@@ -288,30 +305,13 @@ propagate_two_orders = _propagation_code(2)
 propagate_three_orders = _propagation_code(3)
 
 
-START_ERROR = (
-    64.0 / 27.0
-)  # of E: what a summed modal amplitude's share becomes when it is divided by t/h
-START_JUMP = (
-    9.0 / 8.0
-)  # of an unsummed modal amplitude's amplitude: largest (1 - (1 - x)^2 (1 + 2 x))/x
-# of the signal's fall over a step, where an event in it is accepted: the error E is below the
-# first, and the fall between any two coefficients above the second. Then E moves the root by a
-# third of a step at most, and usually by a twentieth, and Newton's method goes on with the signal
-# itself. Both only decide whether a step is halved first: an event that is found does not depend on
-# them
-ROOT_ERROR_TOL = 0.05
-ROOT_SLOPE_TOL = 0.05
-LEVEL_RATIO = 4.0
-
-
 @jit_inline
-def start_error(w, size, summed, order, h, error):
+def compute_start_error(w, size, summed, order, h, error):
     """Return the error of the quadratic (H - known zero)/t of a first step, times h.
 
-    It is the error for the derivative ``order``, which has the error ``error``.
-
-    Each modal amplitude that is not summed, with the amplitudes w of this derivative and the next,
-    has a share of its own instead of that in ``error``.
+    It is the error for the derivative ``order``, which has the error ``error``. Each modal
+    amplitude that is not summed, with the amplitudes w of this derivative and the next, has a share
+    of its own instead of its share in ``error``.
     """
     share = START_ERROR * error
     here = 2 * order * size
@@ -324,7 +324,7 @@ def start_error(w, size, summed, order, h, error):
 
 
 @jit_inline
-def start_margin(d1, slope0, slope1, h):
+def compute_start_margin(d1, slope0, slope1, h):
     """Return the least coefficient of a first step that starts on a guard.
 
     It follows from the distance at the step's end and from the growth of the distance at both ends.
@@ -333,10 +333,10 @@ def start_margin(d1, slope0, slope1, h):
 
 
 @jit_inline
-def leaves_wall(b, guards, step, error):
+def is_clear_of_walls(b, guards, step, error):
     """Return whether a block's first step, which starts on a wall, is clear of both walls.
 
-    ``error`` is that of `start_error`.
+    ``error`` is that of `compute_start_error`.
     """
     h = step.h
     y0 = b[VALUE]
@@ -344,9 +344,9 @@ def leaves_wall(b, guards, step, error):
     y2 = y0 + h / 3.0 * b[RATE]
     y3 = y1 - h / 3.0 * b[RATE + 1]
     if guards.side > 0:
-        clear = start_margin(guards.high - y1, -b[RATE], -b[RATE + 1], h) > error
+        clear = compute_start_margin(guards.high - y1, -b[RATE], -b[RATE + 1], h) > error
         return clear and min(min(y0, y1), min(y2, y3)) - guards.low > step.e0
-    clear = start_margin(y1 - guards.low, b[RATE], b[RATE + 1], h) > error
+    clear = compute_start_margin(y1 - guards.low, b[RATE], b[RATE + 1], h) > error
     return clear and guards.high - max(max(y0, y1), max(y2, y3)) > step.e0
 
 
@@ -360,13 +360,13 @@ def correct_first_step(signal, guards, step, walls, reversals):
     w = signal.moving
     size = signal.u.shape[1]
     if guards.side != 0:
-        error = start_error(w, size, step.summed, 0, step.h, step.e0)
-        walls = (walls & -2) | (0 if leaves_wall(b, guards, step, error) else 1)
+        error = compute_start_error(w, size, step.summed, 0, step.h, step.e0)
+        walls = (walls & -2) | (0 if is_clear_of_walls(b, guards, step, error) else 1)
     if guards.direction is not None:
         if guards.zero_rate:
-            error = start_error(w, size, step.summed, 1, step.h, step.e1)
+            error = compute_start_error(w, size, step.summed, 1, step.h, step.e1)
             direction = guards.direction
-            margin = start_margin(
+            margin = compute_start_margin(
                 direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], step.h
             )
             reversals = (reversals & -2) | (0 if margin > error else 1)
@@ -391,7 +391,7 @@ def find_sharp_root(d0, d1, d2, d3, error, slope_error):
 
 
 @jit_inline
-def halley_step(x, f, slope, bend):
+def apply_halley_step(x, f, slope, bend):
     """Return a better root than x, by Halley's method."""
     return x - f * slope / fma(-0.5 * f, bend, slope * slope)
 
@@ -411,7 +411,7 @@ def refine_cubic_root(b, k, h, wall, x):
     for _ in range(2):
         f = fma(x, fma(x, fma(x, c3, c2), v), y)
         slope = fma(x, fma(x, 3.0 * c3, 2.0 * c2), v)
-        x = halley_step(x, f, slope, fma(x, 6.0 * c3, 2.0 * c2))
+        x = apply_halley_step(x, f, slope, fma(x, 6.0 * c3, 2.0 * c2))
     return x
 
 
@@ -435,10 +435,10 @@ def refine_quintic_root(b, k, h, kind, wall, x):
         v = fma(x, fma(x, fma(x, fma(x, 5.0 * c5, 4.0 * c4), 3.0 * c3), a0), v0)
         a = fma(x, fma(x, fma(x, 20.0 * c5, 12.0 * c4), 6.0 * c3), a0)
         if kind == REVERSAL:
-            x = halley_step(x, v, a, fma(x, fma(x, 60.0 * c5, 24.0 * c4), 6.0 * c3))
+            x = apply_halley_step(x, v, a, fma(x, fma(x, 60.0 * c5, 24.0 * c4), 6.0 * c3))
         else:
             y = fma(x, fma(x, fma(x, fma(x, fma(x, c5, c4), c3), 0.5 * a0), v0), y0)
-            x = halley_step(x, y, v, a)
+            x = apply_halley_step(x, y, v, a)
     return x
 
 
@@ -462,7 +462,8 @@ def locate_reversal(b, k, step, direction, slope_error):
 def locate_event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
     """Return (kind, share of the step) of the only event in step k.
 
-    The kind is NOTHING if it is not certain that this event is the only one.
+    The kind is NOTHING if it is not certain that there is exactly one event. ``near_wall`` and
+    ``near_rest``: whether the step is not clear of walls, and of a reversal.
     """
     low = guards.low
     high = guards.high
@@ -485,9 +486,9 @@ def locate_event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
 
 @jit_inline
 def is_far(b, h, guards, e0, e1):
-    """Return whether a step of LEVEL_RATIO h from the block's end will probably be clear.
+    """Return whether a step of LEVEL_RATIO h after the block will probably be clear.
 
-    ``e0`` and ``e1`` are the errors of this step.
+    ``e0`` and ``e1`` are the errors of this step. A wrong answer only costs time.
     """
     y = b[VALUE + POINTS]
     way = LEVEL_RATIO * h * b[RATE + POINTS]
@@ -499,21 +500,9 @@ def is_far(b, h, guards, e0, e1):
     return far
 
 
-# of h^4 times the largest fourth derivative: error of the cubic between two points [1]
-HERMITE_SHARE = 1.0 / 384.0
-SCAN_NOISE = 1e-12  # of an amplitude: rounding of the sums and of the moving amplitudes
-SLOPE_ERROR = (
-    1.03  # of E: 3.08/3, since a difference of two coefficients is a third of the slope times h
-)
-STEP_HALF_WIDTH = 0.5 + 1e-9  # of a step, from its middle
-# blocks after which the moving amplitudes are recomputed, long before their rounding comes near
-# SCAN_NOISE
-MOST_BLOCKS = 2_000
-
-
 @jit_inline
 def start_block(function, offset):
-    """Compute amplitudes and forced parts at an offset afresh; return the start of a block."""
+    """Compute amplitudes and forced parts at an offset; return the `BlockStart` there."""
     system = function.system
     signal = function.signal
     omega = function.omega
@@ -611,12 +600,12 @@ def locate_event(function, guards, place, step, k, near, length):
         function.signal.u.shape[1],
     )
     b4 = b4 + forced.bound[4]
-    resolution = time_resolution(system.rows, function.omega, length)
+    resolution = compute_time_resolution(system.rows, function.omega, length)
     event = refine_root(
         select_terms(function), place.offset + (k + x) * step.h, kind, wall, b4, resolution
     )
     if abs(event.offset - (place.offset + (k + 0.5) * step.h)) <= STEP_HALF_WIDTH * step.h:
-        return event  # the only root in the step, and not one that Newton's method left it for
+        return event  # Newton's method has stayed in the step, which has only this root
     return GuardEvent(NOTHING, 0.0, 0.0, 0.0, 0.0, event.evaluations)
 
 
@@ -635,10 +624,12 @@ def search_events(function, guards, length, half):
     up = False
     careful = 1.0
     count = 0
-    place = BlockStart(0.0, 0.0, 0.0, MOST_BLOCKS)
+    place = BlockStart(0.0, 0.0, 0.0, MOST_BLOCKS)  # MOST_BLOCKS: amplitudes are not computed yet
     step = SearchStep(-1, 0.0, 0, 0.0, 0.0)
     while place.offset < length and count < memory[1]:
         count += 1
+
+        # amplitudes at the block's start, and its step
         if place.turns >= MOST_BLOCKS:
             place = start_block(function, place.offset)
         if up:
@@ -648,6 +639,8 @@ def search_events(function, guards, length, half):
             level = step.level
         if step.level != level:  # amplitudes never grow: an error of a level stays a bound
             step = make_search_step(function, level)
+
+        # the first step of the block that is not clear, k
         walls, reversals = scan_block(function, guards, place, step)
         k = min(lowest_bit(walls | reversals), POINTS)
         clear = k == POINTS
@@ -656,6 +649,7 @@ def search_events(function, guards, length, half):
             memory[0] = level + 1 if clear else (level if k > 0 else max(level - 1, 0))
         if place.offset + k * step.h >= length:
             break
+
         if not clear:
             event = locate_event(
                 function,
@@ -670,7 +664,9 @@ def search_events(function, guards, length, half):
             if event.kind != NOTHING:
                 if event.offset >= length:
                     break
-                return with_evaluations(event, count)
+                return replace_evaluations(event, count)
+
+        # on to step k; there a finer level, and at the finest the careful search
         if k > 0:
             place = advance_block(function, guards, place, step, k)
             careful = 1.0
@@ -687,11 +683,11 @@ def search_events(function, guards, length, half):
                 )
                 count += event.evaluations
                 if event.kind != NOTHING or np.isnan(event.offset):
-                    return with_evaluations(event, count)
+                    return replace_evaluations(event, count)
                 place = BlockStart(event.offset, 0.0, 0.0, MOST_BLOCKS)
                 careful = 2.0 * careful
     return (
-        failed_search(count)
+        make_failed_search(count)
         if count >= memory[1]
         else GuardEvent(NOTHING, length, 0.0, 0.0, 0.0, count)
     )

@@ -11,12 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import (
-    jit,
-    jit_allocating,
-    jit_inline,
-    jit_view,
-)
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline, jit_view
 from impact_env.kernels.motion.forced import (
     THIRD,
     Forced,
@@ -35,8 +30,8 @@ from impact_env.kernels.motion.modal_system import (
     sum_three_derivatives,
 )
 
-# entries of a block: 1 + POINTS numbers of the value, the rate and the bend, then of their forced
-# parts, in rows; then the carrier of the force
+# places in `Signal.block`: rows of 1 + POINTS numbers of the value, the rate and the second
+# derivative (bend), then rows of their forced parts; then the carrier of the force
 ROW = 16
 VALUE = 0
 RATE = ROW
@@ -55,39 +50,28 @@ TIME_RESOLUTION = 5e-15  # of the time scale of the slowest modal amplitude, or 
 EPSILON = 2.2e-16
 SIGNAL_ROUNDING = 4.0 * EPSILON  # rounding of a computed signal, relative to its scale
 MOST_SEARCH_EVALUATIONS = 2e7  # of a search
-CURVATURE_SHARE_TOL = (
-    1e-4  # of the curvature's share of a step in Newton's: there its series is as good as its root
-)
+# of the curvature's share of a step in Newton's: there its series is as good as its root
+CURVATURE_SHARE_TOL = 1e-4
 
 
 class Signal(NamedTuple):
-    """A guard signal from a reference time on, and memory for its search.
+    """A guard signal from a reference time on, and memory for its search."""
 
-    Modal amplitudes ``u`` (2, J); a polynomial p0 + p1 t + p2 t^2/2 (3,); the amplitudes of value,
-    rate and bend where the search is, ``moving`` (6 J,) = (3, 2, J); ``block`` (BLOCK,) of
-    search_block.py; ``memory`` (2,): the level to begin with, and the evaluations that a search may
-    use.
-    """
-
-    u: NDArray[np.float64]
-    polynomial: NDArray[np.float64]
-    moving: NDArray[np.float64]
-    block: NDArray[np.float64]
-    memory: NDArray[np.float64]
+    u: NDArray[np.float64]  # (2, J) amplitudes of its free part
+    polynomial: NDArray[np.float64]  # (3,) p0, p1, p2 of p0 + p1 t + p2 t^2/2
+    moving: NDArray[np.float64]  # (6 J,) = (3, 2, J) amplitudes of value, rate, bend at a block
+    block: NDArray[np.float64]  # (BLOCK,) value, rate and bend at its times
+    memory: NDArray[np.float64]  # (2,) level to begin with, evaluations that a search may use
 
 
 class EventFunction(NamedTuple):
-    """A guard signal in a window.
+    """A guard signal in a window."""
 
-    Modal ``system`` and ``forced`` response of its regime, the force's ``omega`` (rad/s), the
-    signal and its reference time ``tau`` (s).
-    """
-
-    system: ModalSystem
-    forced: Forced
-    omega: float
-    signal: Signal
-    tau: float
+    system: ModalSystem  # of its regime
+    forced: Forced  # response of its regime in the window
+    omega: float  # carrier of the force (rad/s)
+    signal: Signal  # from its reference time on
+    tau: float  # reference time (s from the window's centre)
 
 
 class SignalTerms(NamedTuple):
@@ -107,48 +91,35 @@ class SignalTerms(NamedTuple):
 
 
 class Guards(NamedTuple):
-    """What ends a signal's course, and which of it the signal starts on.
+    """What ends a search, and which guard the signal starts on."""
 
-    ``low`` and ``high``: walls, infinite or out of reach where there are none. ``side`` -1
-    or 1: the signal starts on the low or the high wall. ``direction`` 1 or -1: the sign that the
-    signal's rate has at the start, and must keep; None: the rate is not watched. ``zero_rate``: it
-    starts at zero.
-    """
-
-    low: float
-    high: float
-    side: int
-    direction: float | None
-    zero_rate: bool
+    low: float  # lower bound of the signal, -infinity or out of reach without
+    high: float  # upper bound
+    side: int  # -1 or 1: the signal starts on the lower or the upper bound, else 0
+    direction: float | None  # sign that the signal's rate must keep; None: any
+    zero_rate: bool  # whether the rate starts at zero
 
 
 class BoundedSignal(NamedTuple):
-    """A signal at a time with its first two derivatives.
+    """A signal at a time, with bounds that hold for all later times."""
 
-    Bounds of the second to fourth derivative hold for all later times.
-    """
-
-    y: float
-    v: float
-    a: float
-    b2: float
-    b3: float
-    b4: float
+    y: float  # value
+    v: float  # rate
+    a: float  # second derivative
+    b2: float  # bound of the second derivative
+    b3: float  # of the third
+    b4: float  # of the fourth
 
 
 class GuardEvent(NamedTuple):
-    """Result of a search for an event.
+    """Result of a search for an event."""
 
-    It contains the event's kind, its offset from the start (s), the signal with its rate and second
-    derivative at the event, and the number of evaluations.
-    """
-
-    kind: int
-    offset: float
-    value: float
-    rate: float
-    bend: float
-    evaluations: int
+    kind: int  # NOTHING, HIT_LOW, HIT_HIGH or REVERSAL
+    offset: float  # from the signal's reference time (s)
+    value: float  # of the signal there
+    rate: float  # of the signal there
+    bend: float  # second derivative there
+    evaluations: int  # that the search took
 
 
 @jit_allocating
@@ -181,7 +152,7 @@ def select_terms(function):
 
 
 @jit_inline
-def signal_scale(signal, bound):
+def compute_signal_scale(signal, bound):
     """Return the sum of the sizes of a signal's terms."""
     return bound[0] + abs(signal.polynomial[0]) + sum_magnitudes(signal.u.shape[1], signal.u)
 
@@ -244,8 +215,8 @@ def evaluate_value_at_offset(system, signals, omega, signal, tau, offset):
 
 
 @jit_inline
-def time_resolution(rows, omega, length):
-    """Return the shortest time (s) that a search resolves.
+def compute_time_resolution(rows, omega, length):
+    """Return the shortest time (s) that a search over ``length`` (s) resolves.
 
     It follows from the slowest modal amplitude, or from the force if its frequency is higher.
     """
@@ -259,25 +230,24 @@ def find_event_wall(kind, guards):
 
 
 @jit_inline
-def with_evaluations(event, evaluations):
+def replace_evaluations(event, evaluations):
     """Return an event with the evaluations of the whole search."""
     return GuardEvent(event.kind, event.offset, event.value, event.rate, event.bend, evaluations)
 
 
 @jit_inline
-def failed_search(evaluations):
-    """Return an event of NaN, which ends the run in an error: an event could be missed."""
+def make_failed_search(evaluations):
+    """Return an event at NaN, which ends the run with an error: an event could be missed."""
     return GuardEvent(NOTHING, np.nan, np.nan, np.nan, np.nan, evaluations)
 
 
 @jit
 def refine_root(terms, offset, kind, wall, b4, resolution):
-    """Return the simple root near ``offset`` of a signal as a GuardEvent.
+    """Return the simple root near ``offset`` of a signal as a GuardEvent, or NOTHING.
 
-    It is found by Newton's method with two more derivatives.
-
-    The last step is not evaluated again: it must be so short that the fourth derivative's bound b4
-    leaves time and rate exact. NOTHING where it finds none.
+    Newton's method is used with the second and third derivatives. The last step is not evaluated
+    again: it must be so short that the bound b4 of the fourth derivative leaves time and rate
+    exact.
     """
     y = 0.0
     v = 0.0

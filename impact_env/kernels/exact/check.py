@@ -2,9 +2,9 @@
 
 The guard signal is sampled densely up to the event, and must not have passed its guard.
 
-The samples are direct sums at single times and know nothing of blocks, levels, bounds or margins.
-They are uniform, some a radian of the fastest modal amplitude that is still active, and crowd
-geometrically at both ends, where errors of a start or of an event would be. A start lies on its
+The samples are direct sums at single times, without blocks, levels, bounds or margins. They are
+uniform, some a radian of the fastest modal amplitude that is still active, and geometrically denser
+at both ends, where errors of a start or of an event would be. A start lies on its
 guard and so does the event, but for rounding: no sample is closer to either than `CLOSEST_SHARE`,
 and rounding of signal and time is allowed for.
 """
@@ -18,18 +18,18 @@ import numpy as np
 from impact_env.kernels.compiling.jit import jit, jit_inline
 from impact_env.kernels.events.signals import (
     SIGNAL_ROUNDING,
+    compute_signal_scale,
+    compute_time_resolution,
     evaluate_at_offset,
-    signal_scale,
-    time_resolution,
 )
-from impact_env.kernels.exact.rigid_contact import JOINT_FORCE_TOL, has_walls, joint_bounds
+from impact_env.kernels.exact.rigid_contact import JOINT_FORCE_TOL, find_joint_bounds, has_walls
 from impact_env.kernels.exact.sets import (
     fill_guard_signal,
-    forced_of_set,
     is_joined,
-    signal_of_absorber,
-    system_of_set,
     update_guard_response,
+    view_set_response,
+    view_set_system,
+    view_signal,
 )
 from impact_env.kernels.motion.modal_system import SPEED
 from impact_env.kernels.motion.observers import GUARD_PASSED, JOINT_EXCEEDED, RATE_TURNED
@@ -88,20 +88,14 @@ def record_miss(check, time, kind, share):
 
 
 class GuardBounds(NamedTuple):
-    """Bounds that a signal must keep.
+    """Bounds that a signal must keep."""
 
-    They are the interval (low, high) and the sign of its rate (0: not checked).
-
-    ``unit``: scale of a violation (0: the signal's terms); ``slack``: allowed share of these
-    terms; ``kind``: of miss.
-    """
-
-    low: float
-    high: float
-    unit: float
-    slack: float
-    sign: float
-    kind: int
+    low: float  # lower bound
+    high: float  # upper bound
+    unit: float  # scale of a violation; 0: the signal's terms
+    slack: float  # allowed share of these terms
+    sign: float  # of the rate; 0: not checked
+    kind: int  # of miss
 
 
 @jit
@@ -115,7 +109,7 @@ def check_guard_samples(check, system, forced, window, signal, tau, offset, guar
     low, high, unit, slack, sign, kind = guard
     check.counts.searches += 1
     omega = window.omega
-    scale = signal_scale(signal, forced.bound)
+    scale = compute_signal_scale(signal, forced.bound)
     p = signal.polynomial
     speed_scale = forced.bound[1] + abs(p[1]) + offset * abs(p[2])  # of the terms of the rate
     for j in range(signal.u.shape[1]):
@@ -123,11 +117,11 @@ def check_guard_samples(check, system, forced, window, signal, tau, offset, guar
         speed_scale += system.rows[SPEED, j] * size
     margin = max(DEPTH_TOL * unit, (SIGNAL_CHECK_TOL + slack) * scale)
     rate_margin = SIGNAL_CHECK_TOL * speed_scale
-    moment = TIME_CHECK_FACTOR * time_resolution(system.rows, omega, window.half)
-    wanted = 8.0 + SAMPLES_PER_RADIAN * offset * find_active_rate(system, omega, signal.u)
-    if not np.isfinite(wanted):  # the run ends with its state
+    moment = TIME_CHECK_FACTOR * compute_time_resolution(system.rows, omega, window.half)
+    samples = 8.0 + SAMPLES_PER_RADIAN * offset * find_active_rate(system, omega, signal.u)
+    if not np.isfinite(samples):  # the state is not finite: the run ends
         return
-    count = int(min(wanted, float(MOST_SAMPLES)))
+    count = int(min(samples, float(MOST_SAMPLES)))
     deepest = 0.0
     deepest_at = 0.0
     wrong = 0.0
@@ -170,7 +164,7 @@ def check_free_segment(check, system, forced, window, walls, limit, body, offset
 @jit_inline
 def check_joined_segment(check, system, forced, window, limit, body, offset):
     """Check the search of a joined segment: the joint force keeps within its bounds."""
-    low, high = joint_bounds(limit, body.contact_state.side)
+    low, high = find_joint_bounds(limit, body.contact_state.side)
     check_guard_samples(
         check,
         system,
@@ -194,11 +188,11 @@ def check_set(check, scene, window, s, offset, workspace):
         gap = absorbers.gap[a]
         update_guard_response(sets, absorbers, window, s, a, workspace.forced_sets)
         fill_guard_signal(scene, s, a, workspace)
-        system = system_of_set(sets, s, sets.rows[s, a])
-        forced = forced_of_set(workspace.forced_sets, s, a)
-        signal = signal_of_absorber(workspace.signals, a)
+        system = view_set_system(sets, s, sets.rows[s, a])
+        forced = view_set_response(workspace.forced_sets, s, a)
+        signal = view_signal(workspace.signals, a)
         if is_joined(sets, s, a):
-            low, high = joint_bounds(limit, contact_state.side)
+            low, high = find_joint_bounds(limit, contact_state.side)
             guard = GuardBounds(low, high, 0.0, JOINT_FORCE_TOL, 0.0, JOINT_EXCEEDED)
         else:
             guard = GuardBounds(

@@ -1,7 +1,7 @@
 """Event-driven exact integration of compliant contact (paper, appendix).
 
-Each wall has a spring k_n, beside it perhaps a damper (Kelvin-Voigt), and friction is a spring k_t
-in series with a Coulomb slider. A contact lasts as long as the wall is overlapped.
+Each wall has a spring k_n, perhaps with a damper in parallel (Kelvin-Voigt), and friction is a
+spring k_t in series with a Coulomb slider. A contact lasts as long as the wall is overlapped.
 
 In: a scene (`CompliantScene`), a schedule, the initial state, observers. Out: the final state and a
 status code (`compliant_lane`).
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
 from impact_env.kernels.compiling.records import FLAG, NUMBER, record_type
-from impact_env.kernels.energy.energies import add_energy, new_account, with_energy_account
+from impact_env.kernels.energy.energies import add_energy, new_account, replace_energies_by_account
 from impact_env.kernels.events.search import find_next_event
 from impact_env.kernels.events.signals import (
     HIT_HIGH,
@@ -72,35 +72,61 @@ from impact_env.kernels.motion.segments import (
 
 
 class ContactStiffness(NamedTuple):
-    """Stiffness of the walls and of the friction spring (N/m), 0 where absent."""
+    """Stiffness of the springs (N/m), 0 where absent."""
 
-    wall: float
-    friction: float
+    wall: float  # of each wall
+    friction: float  # in series with the slider
 
 
-# a lane between two events: time from the window's centre; absorber displacement, velocity,
-# acceleration (used in the free regime); constant relative force; wall touched (-1, 0, 1); whether
-# the slider sticks; sign of sliding; slider's position; signal starts on the low or high guard (-1,
-# 0, 1); start of the contact, relative velocity and absorber velocity there, loss in the walls'
-# damper up to it (J); start of the stick; whether the relative velocity starts at zero
+# a contact between two events
 COMPLIANT_CONTACT_STATE = record_type(
-    tau=NUMBER,
-    q=NUMBER,
-    v=NUMBER,
-    a=NUMBER,
-    force=NUMBER,
-    wall=NUMBER,
-    sticks=FLAG,
-    sign=NUMBER,
-    anchor=NUMBER,
-    side=NUMBER,
-    contact_time=NUMBER,
-    contact_rate=NUMBER,
-    contact_v=NUMBER,
-    contact_loss=NUMBER,
-    stick_time=NUMBER,
-    at_rest=FLAG,
+    tau=NUMBER,  # time from the window's centre (s)
+    q=NUMBER,  # displacement of the absorber in the free regime (m)
+    v=NUMBER,  # its velocity (m/s)
+    a=NUMBER,  # its acceleration (m/s^2)
+    force=NUMBER,  # constant force on the absorber (N)
+    wall=NUMBER,  # wall touched: -1 lower, 1 upper, 0 none
+    sticks=FLAG,  # whether the slider sticks
+    sign=NUMBER,  # sign of the relative velocity of sliding
+    anchor=NUMBER,  # slider's position (m)
+    side=NUMBER,  # the guard signal starts on its low (-1) or high (1) bound, or on none (0)
+    contact_time=NUMBER,  # start of the wall contact (s)
+    contact_rate=NUMBER,  # relative velocity there (m/s)
+    contact_v=NUMBER,  # absorber's velocity there (m/s)
+    contact_loss=NUMBER,  # loss in the walls' damper up to there (J)
+    stick_time=NUMBER,  # start of the stick (s)
+    at_rest=FLAG,  # whether the relative velocity starts at zero
 )
+
+
+class CompliantScene(NamedTuple):
+    """A scene of one absorber with compliant contact.
+
+    ``regimes``: without a spring, with the wall's, with the friction's, with both. ``contact``:
+    mass, compliance and tip shape; ``springs``: stiffness; ``gap``: half-clearance (m), infinite
+    without walls; ``limit``: friction limit (N), None without friction. Energy balance:
+    ``wall_losses``, with the walls' damper, while a wall is touched, else ``losses``.
+    """
+
+    regimes: tuple[LinearRegime, LinearRegime, LinearRegime, LinearRegime]
+    contact: ContactLaw
+    springs: ContactStiffness
+    gap: float
+    limit: float | None
+    losses: Losses
+    wall_losses: Losses
+
+
+class CompliantWorkspace(NamedTuple):
+    """Motion and scratch memory of a run with compliant contact."""
+
+    contact_states: NDArray[Any]  # (1,) a COMPLIANT_CONTACT_STATE record
+    buffers: Buffers  # of the modal amplitudes
+    signal: Signal  # guard signal
+    forced: tuple[Forced, Forced, Forced, Forced]  # response of each regime
+    solved: NDArray[np.bool_]  # (4,) whether they are known in the current window
+    motion: NDArray[Any]  # (1,) as `Segment.motion`
+    scratch: NDArray[np.float64]  # (2 N_m + 2,) a state
 
 
 @jit_allocating
@@ -297,32 +323,6 @@ def init_compliant_contact(springs, gap, limit, contact_state, state, contact, c
     update_constant_force(springs, gap, limit, contact_state)
 
 
-@jit
-def compute_slider_reach(springs, limit):
-    """Return the slider's limit over its stiffness (m), 0 without a slider."""
-    if limit is None:
-        return 0.0
-    return limit / springs.friction
-
-
-class CompliantScene(NamedTuple):
-    """A scene of one absorber with compliant contact.
-
-    Regimes without a spring, with the wall's, with the friction's, with both; contact law,
-    stiffness, half-clearance (m, infinite without walls) and friction limit (N, None without
-    friction). Losses for the energy balance: ``wall_losses``, with the walls' damper, while a wall
-    is touched, else ``losses``.
-    """
-
-    regimes: tuple[LinearRegime, LinearRegime, LinearRegime, LinearRegime]
-    contact: ContactLaw
-    springs: ContactStiffness
-    gap: float
-    limit: float | None
-    losses: Losses
-    wall_losses: Losses
-
-
 @jit_inline
 def check_compliant_segment(check, scene, system, forced, window, bounds, workspace, offset):
     """Check a search densely: no bound is passed, and a slider that slides does not turn."""
@@ -460,22 +460,6 @@ def read_regime_state(regime, forced, omega, contact_state, buffers, state):
     add_weighted(regime.system.rows, REST, -contact_state.force, buffers.z)
 
 
-class CompliantWorkspace(NamedTuple):
-    """Motion and scratch memory of a run with compliant contact.
-
-    ``contact_states`` (1,): a COMPLIANT_CONTACT_STATE record; ``forced`` and ``solved``: forced
-    response of each regime, and whether it is known; ``motion`` (1,): as in `segments.Segment`.
-    """
-
-    contact_states: NDArray[Any]
-    buffers: Buffers
-    signal: Signal
-    forced: tuple[Forced, Forced, Forced, Forced]
-    solved: NDArray[np.bool_]
-    motion: NDArray[Any]
-    scratch: NDArray[np.float64]
-
-
 @jit_allocating
 def new_compliant_workspace(regimes, load, state):
     """Return the workspace of a scene under a load, None: under a chirp."""
@@ -541,7 +525,9 @@ def integrate_compliant_section(scene, schedule, k, workspace, state, observers)
     ``state`` is carried from section to section.
     """
     contact_state = workspace.contact_states[0]
-    reach = compute_slider_reach(scene.springs, scene.limit)
+    reach = 0.0  # of the slider's spring (m): limit over stiffness
+    if scene.limit is not None:
+        reach = scene.limit / scene.springs.friction
     count = count_windows(schedule, k)
     for w in range(count):
         window = expand_window(schedule, k, w, count)
@@ -575,7 +561,7 @@ def compliant_lane(scene, plan, state, observers):
     status = DONE
     counts = observers.counters.counts
     limit_searches(workspace.signal.memory, observers.counters)
-    lane_observers = with_energy_account(
+    lane_observers = replace_energies_by_account(
         observers, new_account(observers.energy, 4, workspace.buffers.z.shape[1])
     )
     init_compliant_contact(
@@ -599,7 +585,7 @@ def compliant_lane(scene, plan, state, observers):
 
 @jit
 def finish_compliant_run(scene, workspace, state, end, observers):
-    """Record open contacts and phases at ``end`` (s), close the energies, and take the last sample."""
+    """Record open contacts and phases at ``end`` (s), add what springs store, sample there."""
     contact_state = workspace.contact_states[0]
     contact = scene.contact
     if contact_state.sticks:

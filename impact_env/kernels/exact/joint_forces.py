@@ -28,7 +28,7 @@ from impact_env.kernels.exact.rigid_contact import (
     FREE,
     JOINED,
     JOINT_FORCE_TOL,
-    joint_bounds,
+    find_joint_bounds,
     record_joined_phase,
     update_friction_force,
 )
@@ -48,29 +48,24 @@ FORCE_AT_LOWER = 2
 
 
 class Joints(NamedTuple):
-    """Scratch memory of the complementarity problem, (n,) each.
+    """Scratch memory of the complementarity problem of n absorbers.
 
-    ``relative_acceleration`` (m/s^2) without joint forces and its rounding ``acceleration_slack``;
-    joint ``force`` (N); displacement and velocity of the beam at the absorber's place;
-    ``undecided``: absorbers without relative velocity, which may stick or slip; ``case`` of each
-    joint force. ``system`` (n, n + 1): matrix and right-hand side of the forces inside their
-    bounds, whose absorbers are ``inside`` (n,). ``unsolved`` (1,): whether a problem had no
-    solution up to rounding. ``freed``: absorbers that an impact tears loose. ``complete``:
-    absorbers whose contact state holds the motion that a moving base gives them, too.
+    An absorber is ``undecided`` if it has no relative velocity: it may stick or slip.
     """
 
+    # (n,) without the joint forces of undecided ones (m/s^2)
     relative_acceleration: NDArray[np.float64]
-    acceleration_slack: NDArray[np.float64]
-    force: NDArray[np.float64]
-    beam_displacement: NDArray[np.float64]
-    beam_velocity: NDArray[np.float64]
-    undecided: NDArray[np.bool_]
-    case: NDArray[np.int64]
-    inside: NDArray[np.int64]
-    system: NDArray[np.float64]
-    unsolved: NDArray[np.bool_]
-    freed: NDArray[np.bool_]
-    complete: NDArray[np.bool_]
+    acceleration_slack: NDArray[np.float64]  # (n,) sum of the sizes of its terms (m/s^2)
+    force: NDArray[np.float64]  # (n,) joint force (N)
+    beam_displacement: NDArray[np.float64]  # (n,) at the absorbers' places (m)
+    beam_velocity: NDArray[np.float64]  # (n,) m/s
+    undecided: NDArray[np.bool_]  # (n,)
+    case: NDArray[np.int64]  # (n,) FORCE_INSIDE, FORCE_AT_UPPER, FORCE_AT_LOWER
+    inside: NDArray[np.int64]  # (n,) absorbers with forces inside their bounds
+    system: NDArray[np.float64]  # (n, n + 1) matrix and right-hand side for these forces
+    unsolved: NDArray[np.bool_]  # (1,) whether a problem had no solution up to rounding
+    freed: NDArray[np.bool_]  # (n,) absorbers that an impact separates from the beam
+    complete: NDArray[np.bool_]  # (n,) whether contact states include the base's motion
 
 
 @jit_allocating
@@ -182,7 +177,7 @@ def set_forces_at_bounds(absorbers, contact_states, joints):
     for a in range(joints.force.shape[0]):
         joints.force[a] = 0.0
         if joints.undecided[a] and joints.case[a] != FORCE_INSIDE:
-            low, high = joint_bounds(absorbers.limit[a], contact_states[a].side)
+            low, high = find_joint_bounds(absorbers.limit[a], contact_states[a].side)
             joints.force[a] = high if joints.case[a] == FORCE_AT_UPPER else low
 
 
@@ -224,14 +219,12 @@ def solve_inside_forces(compliance, joints):
 
 @jit
 def find_better_case(absorbers, compliance, contact_states, joints, a):
-    """Return the case of the joint force of absorber a, and the violation of its present case.
+    """Return the right case of absorber a's joint force, and by how much the present case is wrong.
 
-    The case is the one that the conditions require for the present forces. The violation is the
-    amount by which the present case breaks its condition.
-
-    The latter is relative to the sizes of the condition's terms, 0 where none is broken.
+    The right case is that of the conditions for the present forces. The violation is relative to
+    the sizes of the condition's terms, 0 where the present case is right.
     """
-    low, high = joint_bounds(absorbers.limit[a], contact_states[a].side)
+    low, high = find_joint_bounds(absorbers.limit[a], contact_states[a].side)
     case = joints.case[a]
     r = joints.relative_acceleration[a]
     size = joints.acceleration_slack[a]
@@ -301,9 +294,7 @@ def solve_joint_forces(absorbers, compliance, contact_states, joints):
 
 @jit
 def resolve_joints(absorbers, losses, compliance, window, contact_states, state, joints, events):
-    """Decide for each undecided absorber whether it sticks or begins to slip.
-
-    The direction of slip is decided as well.
+    """Decide for each undecided absorber whether it sticks, or the direction of its slip.
 
     ``compliance`` (n, n) is that of the free beam, ``state`` the state at the current time. At a
     bound of the joint force the absorber sticks: the rate of the force then decides in the joined
@@ -315,7 +306,7 @@ def resolve_joints(absorbers, losses, compliance, window, contact_states, state,
     time = window.centre + contact_states[0].tau
     for a in range(contact_states.shape[0]):
         if joints.undecided[a]:
-            low, high = joint_bounds(absorbers.limit[a], contact_states[a].side)
+            low, high = find_joint_bounds(absorbers.limit[a], contact_states[a].side)
             f = compute_sticking_force(compliance, joints, a)
             slack = JOINT_FORCE_TOL * joints.acceleration_slack[a] / compliance[a, a]
             if low - slack <= f <= high + slack:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
-from impact_env.kernels.energy.energies import add_energy, new_account, with_energy_account
+from impact_env.kernels.energy.energies import add_energy, new_account, replace_energies_by_account
 from impact_env.kernels.motion.forced import Forced, add_forced, new_forced, solve_response
 from impact_env.kernels.motion.loads import copy_schedule, count_windows, expand_window
 from impact_env.kernels.motion.modal_system import REST, add_weighted, propagate
@@ -37,26 +37,20 @@ from impact_env.kernels.motion.unit_loads import combine_unit_responses, propaga
 
 
 class Linear(NamedTuple):
-    """A scene of one linear regime, with its losses.
+    """A scene of one linear regime."""
 
-    ``gravity`` is the acceleration of the absorber's weight (m/s^2), or 0 without a weight.
-    """
-
-    regime: LinearRegime
-    losses: Losses
-    gravity: float
+    regime: LinearRegime  # of beam and absorber
+    losses: Losses  # data for the energy balance
+    gravity: float  # of the absorber's weight (m/s^2), 0 without
 
 
 class LinearWorkspace(NamedTuple):
-    """Motion (``buffers.z``) and scratch memory of a run with one regime.
+    """Motion and scratch memory of a run with one regime."""
 
-    ``no_motion`` (1,) is an ABSORBER_MOTION record of zeros.
-    """
-
-    buffers: Buffers
-    forced: Forced
-    scratch: NDArray[np.float64]
-    no_motion: NDArray[Any]
+    buffers: Buffers  # ``z`` is the motion
+    forced: Forced  # response in the current window
+    scratch: NDArray[np.float64]  # (2 N_m + 2,) a state
+    no_motion: NDArray[Any]  # (1,) an ABSORBER_MOTION record of zeros
 
 
 @jit_allocating
@@ -166,7 +160,7 @@ def linear_lane(scene, plan, state, observers):
     workspace = new_linear_workspace(scene.regime, schedule.load, state)
     status = DONE
     counts = observers.counters.counts
-    lane_observers = with_energy_account(
+    lane_observers = replace_energies_by_account(
         observers, new_account(observers.energy, 1, regime.system.rows.shape[1])
     )
     compute_amplitudes(regime.into, state, workspace.buffers.z)

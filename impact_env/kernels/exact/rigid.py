@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline, jit_view
-from impact_env.kernels.energy.energies import add_energy, new_account, with_energy_account
+from impact_env.kernels.energy.energies import add_energy, new_account, replace_energies_by_account
 from impact_env.kernels.events.signals import HIT_HIGH, NOTHING, REVERSAL, Signal, new_signal
 from impact_env.kernels.exact.check import check_free_segment, check_joined_segment
 from impact_env.kernels.exact.rigid_contact import (
@@ -32,23 +32,23 @@ from impact_env.kernels.exact.rigid_contact import (
     ContactLaw,
     add_friction_loss,
     apply_impact,
+    bound_impulse_response,
+    compute_static_limit,
     compute_tip_motion,
     detect_wall_contact,
     find_end_of_flight,
     find_end_of_hold,
-    impulse_response_bound,
-    joint_bounds,
+    find_joint_bounds,
     new_contact_states,
     record_joined_phase,
     reverse_or_stick,
-    static_limit,
     update_friction_force,
     update_wall_contact,
 )
 from impact_env.kernels.motion.forced import (
     Forced,
     add_forced,
-    base_motion,
+    compute_base_motion,
     evaluate_signal,
     new_forced,
 )
@@ -85,33 +85,28 @@ from impact_env.kernels.motion.segments import (
 
 
 class Rigid(NamedTuple):
-    """A scene of one absorber with rigid contact.
+    """A scene of one absorber with rigid contact."""
 
-    It consists of the two regimes, the contact, and the data for the energy balance.
-    """
-
-    free: LinearRegime
-    joined: LinearRegime
-    contact: ContactLaw
-    losses: Losses
+    free: LinearRegime  # regime of the absorber apart from the beam
+    joined: LinearRegime  # regime of the absorber that moves with the beam
+    contact: ContactLaw  # its laws
+    losses: Losses  # data for the energy balance
 
 
 class RigidWorkspace(NamedTuple):
     """Motion and scratch memory of a run with one absorber and rigid contact.
 
-    ``contact_states`` (1,), a RIGID_CONTACT_STATE record, and ``buffers.z`` carry the motion from
-    section to section. ``solved`` (2,): whether the forced response of a regime is known in the
-    current window. ``motion`` (1,): as in `segments.Segment`.
+    ``contact_states`` and ``buffers.z`` carry the motion from section to section.
     """
 
-    contact_states: NDArray[Any]
-    buffers: Buffers
-    signal: Signal
-    free_forced: Forced
-    joined_forced: Forced
-    solved: NDArray[np.bool_]
-    motion: NDArray[Any]
-    scratch: NDArray[np.float64]
+    contact_states: NDArray[Any]  # (1,) a RIGID_CONTACT_STATE record
+    buffers: Buffers  # of the modal amplitudes
+    signal: Signal  # guard signal
+    free_forced: Forced  # response of the free regime
+    joined_forced: Forced  # response of the joined regime
+    solved: NDArray[np.bool_]  # (2,) whether they are known in the current window
+    motion: NDArray[Any]  # (1,) as `Segment.motion`
+    scratch: NDArray[np.float64]  # (2 N_m + 2,) a state
 
 
 @jit_allocating
@@ -119,7 +114,7 @@ def new_rigid_workspace(free, joined, load, state):
     """Return the workspace of a scene under a load, None: under a chirp."""
     size = free.system.rows.shape[1]
     contact_states = new_contact_states(1)
-    contact_states[0].impulse_bound = impulse_response_bound(free.system.rows)
+    contact_states[0].impulse_bound = bound_impulse_response(free.system.rows)
     free_forced = new_forced(free.system, load)
     joined_forced = new_forced(joined.system, load)
     solved = np.zeros(2, np.bool_)
@@ -143,14 +138,17 @@ def view_absorber(workspace):
 
 @jit_inline
 def add_base_motion(window, workspace, sign):
-    """Add a moving base's motion of a free absorber, times ``sign``.
+    """Add the motion that a moving base gives a free absorber, times ``sign``.
 
-    The remaining motion of a free absorber is a polynomial.
+    It is added to the contact state, which between events holds the rest of the motion, a
+    polynomial of second order.
     """
     load = window.load
     if load is not None:
         contact_state = workspace.contact_states[0]
-        q, v = base_motion(load, workspace.free_forced.signals, window.omega, contact_state.tau)
+        q, v = compute_base_motion(
+            load, workspace.free_forced.signals, window.omega, contact_state.tau
+        )
         contact_state.q += sign * q
         contact_state.v += sign * v
 
@@ -186,9 +184,7 @@ def write_free_state(free, forced, omega, contact_state, buffers, state):
 
 @jit
 def compute_joint_force(joined, forced, omega, tau, contact, buffers):
-    """Return the joint force (N) at ``tau`` in the joined regime.
-
-    The second result is the sum of the magnitudes of its terms.
+    """Return the joint force (N) at ``tau`` in the joined regime, and the sum of its terms' sizes.
 
     ``buffers.z`` holds the free part of the amplitudes.
     """
@@ -220,7 +216,7 @@ def try_stick(scene, window, workspace, state):
         joined, forced, window.omega, contact_state.tau, scene.contact, buffers
     )
     update_wall_contact(scene.contact.walls, contact_state, q_tip)
-    low, high = joint_bounds(static_limit(scene.contact), contact_state.side)
+    low, high = find_joint_bounds(compute_static_limit(scene.contact), contact_state.side)
     # at its bound the joint force decides in the joined regime, by its rate
     slack = JOINT_FORCE_TOL * scale
     contact_state.v = v_tip
@@ -267,30 +263,27 @@ def advance_free_regime(scene, window, workspace, observers):
             check_free_segment(
                 check, system, forced, window, contact.walls, contact.limit, body, offset
             )
+
     end = tau + offset
     motion = workspace.motion[0]
     motion.q = contact_state.q
     motion.v = contact_state.v
     motion.a = contact_state.a
     motion.base_share = 1.0
-    observe_segment(
-        scene,
-        Segment(
-            free,
-            forced,
-            window,
-            workspace.buffers,
-            contact_state.force,
-            deflection,
-            workspace.motion,
-            tau,
-            end,
-        ),
-        FREE,
-        workspace.scratch,
-        observers,
+    segment = Segment(
+        free,
+        forced,
+        window,
+        workspace.buffers,
+        contact_state.force,
+        deflection,
+        workspace.motion,
+        tau,
+        end,
     )
+    observe_segment(scene, segment, FREE, workspace.scratch, observers)
     add_friction_loss(contact.limit, system, forced, omega, body, tau, offset, observers.energy)
+
     propagate(system.rows, system.table, system.scale, offset, workspace.buffers.z)
     contact_state.q += offset * (contact_state.v + 0.5 * offset * contact_state.a)
     contact_state.v += offset * contact_state.a
@@ -308,7 +301,7 @@ def advance_joined_regime(scene, window, workspace, observers):
     """
     joined = scene.joined
     forced = workspace.joined_forced
-    limit = static_limit(scene.contact)
+    limit = compute_static_limit(scene.contact)
     body = view_absorber(workspace)
     contact_state = body.contact_state
     system = joined.system
@@ -324,6 +317,7 @@ def advance_joined_regime(scene, window, workspace, observers):
     if check is not None:
         if check.first.shape[0] > 0:
             check_joined_segment(check, system, forced, window, limit, body, offset)
+
     end = tau + offset
     motion = workspace.motion[0]
     motion.q = contact_state.offset
@@ -342,6 +336,7 @@ def advance_joined_regime(scene, window, workspace, observers):
         end,
     )
     observe_segment(scene, segment, JOINED, workspace.scratch, observers)
+
     propagate(system.rows, system.table, system.scale, offset, workspace.buffers.z)
     contact_state.tau = end
     counters.counts.stuck_time += offset
@@ -350,10 +345,9 @@ def advance_joined_regime(scene, window, workspace, observers):
 
 @jit
 def release_absorber(scene, window, workspace, state, event, events):
-    """Leave the joined regime.
+    """Leave the joined regime, because the joint force has left its bounds.
 
-    The absorber lags behind the beam if the joint force is above its upper bound, and leads if it
-    is below its lower bound.
+    ``event``: HIT_HIGH, the absorber then lags behind the beam, or HIT_LOW, it leads.
     """
     contact_state = workspace.contact_states[0]
     joined = scene.joined
@@ -440,9 +434,7 @@ def add_forced_part(window, tau, sign, workspace):
 
 @jit_inline
 def enter_window(scene, window, started, workspace, state):
-    """Begin a window.
-
-    The forced response is subtracted from the amplitudes, or the first regime of a run is chosen.
+    """Begin a window: subtract the forced response, or choose the first regime of a run.
 
     ``started`` False: the run begins with ``state``. Else the amplitudes hold the whole motion.
     """
@@ -550,7 +542,7 @@ def rigid_lane(scene, plan, state, observers):
     workspace = new_rigid_workspace(scene.free, scene.joined, schedule.load, state)
     status = DONE
     limit_searches(workspace.signal.memory, observers.counters)
-    lane_observers = with_energy_account(
+    lane_observers = replace_energies_by_account(
         observers, new_account(observers.energy, 2, scene.free.system.rows.shape[1])
     )
     for k in range(schedule.times.shape[0] - 1):

@@ -26,9 +26,9 @@ from impact_env.kernels.events.signals import (
     EventFunction,
     Guards,
     Signal,
+    compute_signal_scale,
     evaluate_at_offset,
     evaluate_value_at_offset,
-    signal_scale,
 )
 from impact_env.kernels.motion.modal_system import (
     GUARD,
@@ -57,77 +57,60 @@ LEAST_CHATTER_DECAY = 0.1  # 1 - e counts as at least this where a chatter is co
 # of a signal: above what the search takes for zero distance
 POSITION_ROUNDING = 16.0 * SIGNAL_ROUNDING
 
-# a contact between two events: regime, time from the window's centre, absorber displacement,
-# velocity, acceleration, constant relative force, sign of the relative velocity, wall touched (-1,
-# 0, 1), whether the relative velocity is zero, joined offset absorber - tip, start of phase,
-# largest relative acceleration by a unit impulse, number of the absorber
+# a contact between two events; signs refer to the absorber relative to the beam
 RIGID_CONTACT_STATE = record_type(
-    regime=INTEGER,
-    tau=NUMBER,
-    q=NUMBER,
-    v=NUMBER,
-    a=NUMBER,
-    force=NUMBER,
-    sign=NUMBER,
-    side=NUMBER,
-    at_rest=FLAG,
-    offset=NUMBER,
-    phase_start=NUMBER,
-    impulse_bound=NUMBER,
-    absorber=INTEGER,
+    regime=INTEGER,  # FREE or JOINED
+    tau=NUMBER,  # time from the window's centre (s)
+    q=NUMBER,  # displacement of the free absorber (m)
+    v=NUMBER,  # its velocity (m/s)
+    a=NUMBER,  # its acceleration (m/s^2)
+    force=NUMBER,  # constant force on the absorber (N); joined, one absorber: its gravity (m/s^2)
+    sign=NUMBER,  # sign of the relative velocity, -1 or 1
+    side=NUMBER,  # wall touched: -1 lower, 1 upper, 0 none
+    at_rest=FLAG,  # whether the relative velocity is zero
+    offset=NUMBER,  # displacement of a joined absorber from the beam (m)
+    phase_start=NUMBER,  # start of the joined phase (s)
+    impulse_bound=NUMBER,  # largest relative acceleration by a unit impulse (1/(kg s))
+    absorber=INTEGER,  # number of the absorber
 )
 
 
 class Walls(NamedTuple):
-    """Rigid walls.
+    """Rigid walls."""
 
-    Clearance to either wall (m), Newton's coefficient of restitution, and the velocity (m/s) above
-    which it falls, infinity: it does not.
-    """
-
-    gap: float
-    restitution: float
-    yield_velocity: float = np.inf
+    gap: float  # clearance to either wall (m)
+    restitution: float  # Newton's coefficient
+    yield_velocity: float = np.inf  # velocity above which it falls (m/s); infinity: it does not
 
 
 NO_WALLS_GAP = 1e300
 NO_WALLS = Walls(NO_WALLS_GAP, 1.0)  # out of reach: what a scene without walls has
 
 
+class ContactLaw(NamedTuple):
+    """Laws of one rigid contact."""
+
+    mass: float  # of the absorber (kg)
+    compliance: float  # G = 1/mass + sum tip_shape^2 (1/kg)
+    tip_shape: NDArray[np.float64]  # (N_m,)
+    walls: Walls  # `NO_WALLS` without
+    limit: float | None  # of sliding friction (N), None without
+    gravity: float  # weight over mass, towards the lower wall (m/s^2); 0: across the motion
+    static_ratio: float  # limit of static over that of sliding friction, 1 or above
+
+
+class AbsorberView(NamedTuple):
+    """One absorber in motion."""
+
+    contact_state: Any  # a RIGID_CONTACT_STATE record
+    buffers: Buffers  # of the modal amplitudes
+    signal: Signal  # its guard signal
+
+
 @jit_inline
 def has_walls(walls):
     """Return whether an absorber has walls."""
     return walls.gap < NO_WALLS_GAP
-
-
-class ContactLaw(NamedTuple):
-    """Laws of one rigid contact.
-
-    Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,); walls, `NO_WALLS`
-    without; limit of sliding friction (N), None without; ``gravity`` (m/s^2): weight of the
-    absorber over its mass, towards the lower wall, 0: across its motion; ``static_ratio``: limit of
-    static over that of sliding friction, 1 or above.
-    """
-
-    mass: float
-    compliance: float
-    tip_shape: NDArray[np.float64]
-    walls: Walls
-    limit: float | None
-    gravity: float
-    static_ratio: float
-
-
-class AbsorberView(NamedTuple):
-    """One absorber in motion.
-
-    It consists of its RIGID_CONTACT_STATE record, the buffers of modal amplitudes, and its guard
-    signal.
-    """
-
-    contact_state: Any
-    buffers: Buffers
-    signal: Signal
 
 
 @jit_allocating
@@ -187,7 +170,7 @@ def reverse_or_stick(system, contact, limit, body, event):
 
 
 @jit
-def static_limit(contact):
+def compute_static_limit(contact):
     """Return the friction limit (N) of an absorber that sticks, None without friction."""
     if contact.limit is None:
         return None
@@ -195,7 +178,7 @@ def static_limit(contact):
 
 
 @jit
-def joint_bounds(limit, side):
+def find_joint_bounds(limit, side):
     """Return the bounds (N) of the joint force on the absorber.
 
     They follow from static friction and from the force of the wall that the absorber touches.
@@ -281,6 +264,7 @@ def apply_impact(system, forced, window, walls, contact, body, event, observers)
     v = event.rate
     side = 1.0 if event.kind == HIT_HIGH else -1.0
     contact_state.q -= event.value - side * walls.gap  # rounding must not add up to a penetration
+
     e = compute_restitution(walls, v)
     impulse = -(1.0 + e) * v / contact.compliance
     loss = 0.5 * (1.0 - e * e) * v * v / contact.compliance
@@ -289,6 +273,8 @@ def apply_impact(system, forced, window, walls, contact, body, event, observers)
     contact_state.v += impulse / contact.mass
     contact_state.side = side
     observers.counters.counts.impacts += 1
+
+    # largest relative acceleration after the impact
     largest = (
         abs(event.bend)
         + abs(impulse) * contact_state.impulse_bound
@@ -301,6 +287,7 @@ def apply_impact(system, forced, window, walls, contact, body, event, observers)
         contact_state.v += rest / contact.mass
         impulse += rest
         loss += 0.5 * after * after / contact.compliance
+
     push_impact(
         observers.events,
         window.centre + contact_state.tau,
@@ -317,18 +304,18 @@ def apply_impact(system, forced, window, walls, contact, body, event, observers)
 
 
 @jit
-def impulse_response_bound(rows):
-    """Return a bound of the relative acceleration (1/(kg s)) after a unit impulse.
+def bound_impulse_response(rows):
+    """Return a bound of the relative acceleration after a unit impulse (1/(kg s)).
 
     The impulse acts between beam and absorber.
     """
-    kick = 0.0
+    bound = 0.0
     for j in range(rows.shape[1]):
         gain = np.hypot(rows[GUARD, j], rows[GUARD + 1, j]) * np.hypot(
             rows[RELATIVE, j], rows[RELATIVE + 1, j]
         )
-        kick += gain * (rows[SPEED, j] * rows[SPEED, j])
-    return kick
+        bound += gain * (rows[SPEED, j] * rows[SPEED, j])
+    return bound
 
 
 @jit
@@ -341,7 +328,7 @@ def is_chatter_complete(system, forced, window, walls, body, side, after, larges
     signal = body.signal
     height = (
         POSITION_ROUNDING
-        * signal_scale(signal, forced.bound)
+        * compute_signal_scale(signal, forced.bound)
         * max(1.0 - walls.restitution, LEAST_CHATTER_DECAY)
     )
     if after * after > 2.0 * largest * height + 1e-300:
@@ -392,9 +379,7 @@ def find_end_of_flight(system, forced, window, walls, limit, body, deflection, l
 
 @jit_inline
 def find_end_of_hold(system, forced, window, limit, weight, body, length):
-    """Return the event at which the joint force of a joined absorber leaves its bounds.
-
-    It is the first one within ``length`` (s).
+    """Return the event within ``length`` (s) at which the joint force leaves its bounds.
 
     ``weight`` (N): static part of the joint force.
     """
@@ -402,6 +387,6 @@ def find_end_of_hold(system, forced, window, limit, weight, body, length):
     apply_weights(system.rows, GUARD, body.buffers.z, signal.u)
     signal.polynomial[:] = 0.0
     signal.polynomial[0] = weight
-    low, high = joint_bounds(limit, body.contact_state.side)
+    low, high = find_joint_bounds(limit, body.contact_state.side)
     function = EventFunction(system, forced, window.omega, signal, body.contact_state.tau)
     return find_next_event(window, function, Guards(low, high, 0, None, False), length)

@@ -13,7 +13,7 @@ guards can be reached. Only an absorber whose safe time comes before the earlies
 evaluated again and, where that is not enough, searched. In rings of 10 to 64 sectors that is 36 to
 54 evaluations a period and absorber, so a period of n absorbers on n modes costs about n^2.
 
-While absorbers stick, in a set that changes, all safe times are forgotten at its changes.
+Where the set of absorbers that stick changes, all safe times are computed again.
 """
 
 from __future__ import annotations
@@ -23,29 +23,21 @@ import numpy as np
 from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.compiling.records import NUMBER, record_type
 from impact_env.kernels.events.careful import bound_signal, solve_parabola
-from impact_env.kernels.events.signals import EventFunction, signal_scale
-from impact_env.kernels.exact.rigid_contact import POSITION_ROUNDING, joint_bounds
-from impact_env.kernels.exact.sets import (
-    forced_of_set,
-    is_joined,
-    signal_of_absorber,
-    system_of_set,
-)
+from impact_env.kernels.events.signals import EventFunction, compute_signal_scale
+from impact_env.kernels.exact.rigid_contact import POSITION_ROUNDING, find_joint_bounds
+from impact_env.kernels.exact.sets import is_joined, view_set_response, view_set_system, view_signal
 from impact_env.kernels.motion.modal_system import LARGEST_RATE
 
-# of an absorber's guard signal at a time (s from the window's centre): the signal less what its
-# rounding may be from either guard, its rate with the sign of approach to the upper one, what
-# events of others have changed the rate by at most, and a bound of the second derivative; the sign
-# that the rate must keep (0: any); the time before which there is no event
+# bounds of an absorber's guard signal from a time on, through all events of others
 SAFE_TIME = record_type(
-    taken_at=NUMBER,
-    to_low=NUMBER,
-    to_high=NUMBER,
-    rate=NUMBER,
-    rate_change=NUMBER,
-    curvature=NUMBER,
-    direction=NUMBER,
-    until=NUMBER,
+    taken_at=NUMBER,  # that time (s from the window's centre)
+    to_low=NUMBER,  # signal less its lower guard and its rounding
+    to_high=NUMBER,  # upper guard less the signal and its rounding
+    rate=NUMBER,  # rate of the signal
+    rate_change=NUMBER,  # by which events of others have changed the rate at most
+    curvature=NUMBER,  # bound of the second derivative
+    direction=NUMBER,  # sign that the rate must keep, 0: any
+    until=NUMBER,  # time before which there is no event (s)
 )
 # of the time that a signal which starts on a guard, and leaves it, needs to come back to it at the
 # earliest: a start that rounding could spoil is searched
@@ -71,11 +63,11 @@ def find_most_urgent(safe_times):
 
 
 @jit
-def _time_to_guard(distance, closing, slack, curvature):
+def _compute_time_to_guard(distance, closing, slack, curvature):
     """Return the shortest time (s) in which a signal can reach a guard.
 
-    ``distance`` below 0: it may be on the guard already, and leaves it where the closing speed,
-    ``slack`` more than it is, is negative.
+    ``closing``: its speed towards the guard, with an uncertainty ``slack``. A ``distance`` below 0
+    says that it may be on the guard already; it leaves the guard if the closing speed is negative.
     """
     if distance == np.inf:
         return np.inf
@@ -88,9 +80,9 @@ def _time_to_guard(distance, closing, slack, curvature):
 
 @jit
 def _set_until(safe):
-    """Set the time before which there is no event, from the signal at the time it was taken at."""
-    high = _time_to_guard(safe.to_high, safe.rate, safe.rate_change, safe.curvature)
-    low = _time_to_guard(safe.to_low, -safe.rate, safe.rate_change, safe.curvature)
+    """Set ``until`` from the bounds of the signal at ``taken_at``."""
+    high = _compute_time_to_guard(safe.to_high, safe.rate, safe.rate_change, safe.curvature)
+    low = _compute_time_to_guard(safe.to_low, -safe.rate, safe.rate_change, safe.curvature)
     length = min(low, high)
     if safe.direction != 0.0:
         least_rate = safe.direction * safe.rate - safe.rate_change
@@ -108,15 +100,15 @@ def update_safe_time(scene, window, s, a, workspace):
     absorbers = scene.absorbers
     contact_state = workspace.contact_states[a]
     safe = workspace.safe_times[a]
-    signal = signal_of_absorber(workspace.signals, a)
-    forced = forced_of_set(workspace.forced_sets, s, a)
-    system = system_of_set(sets, s, sets.rows[s, a])
+    signal = view_signal(workspace.signals, a)
+    forced = view_set_response(workspace.forced_sets, s, a)
+    system = view_set_system(sets, s, sets.rows[s, a])
     function = EventFunction(system, forced, window.omega, signal, contact_state.tau)
     bounded = bound_signal(function, 0.0)
     limit = absorbers.limit[a]
     safe.direction = 0.0
     if is_joined(sets, s, a):
-        low, high = joint_bounds(limit, contact_state.side)
+        low, high = find_joint_bounds(limit, contact_state.side)
     else:
         low = -absorbers.gap[a]
         high = absorbers.gap[a]
@@ -125,7 +117,7 @@ def update_safe_time(scene, window, s, a, workspace):
             # only the wall ahead can be reached before the relative velocity turns
             low = low if contact_state.sign < 0.0 else -np.inf
             high = high if contact_state.sign > 0.0 else np.inf
-    margin = POSITION_ROUNDING * signal_scale(signal, forced.bound)
+    margin = POSITION_ROUNDING * compute_signal_scale(signal, forced.bound)
     safe.to_low = bounded.y - low - margin
     safe.to_high = high - bounded.y - margin
     safe.rate = bounded.v
@@ -139,12 +131,10 @@ def update_safe_time(scene, window, s, a, workspace):
 
 @jit
 def update_safe_times_after_event(sets, s, a, impulse, workspace):
-    """Correct the safe times after an event of absorber a.
+    """Correct the safe times after an event of absorber a that has not changed the set at place s.
 
-    The event has not changed the set of joined absorbers, which is at position s.
-
-    ``impulse`` (N s) is what absorber a was given. The friction forces that have changed are found
-    by ``workspace.forces``.
+    ``impulse`` (N s): on absorber a. Friction forces that have changed differ from
+    ``workspace.forces``.
     """
     contact_states = workspace.contact_states
     safe_times = workspace.safe_times
@@ -169,9 +159,7 @@ def update_safe_times_after_event(sets, s, a, impulse, workspace):
 
 @jit
 def may_turn(sets, s, a, b, impulse, workspace):
-    """Return whether an impulse (N s) on absorber a may reverse absorber b.
-
-    In this case the impulse changes the sign of the relative velocity of absorber b.
+    """Return whether an impulse (N s) on absorber a may change the sign of b's relative velocity.
 
     It cannot where the safe time of b is known and bounds its rate away from zero.
     """

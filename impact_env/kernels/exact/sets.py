@@ -5,7 +5,7 @@ from the beam.
 
 There are 2^n sets of n absorbers, and nearly all time is spent in few of them. So a run has a
 number of places for regimes: place 0 always holds the free beam, the others are filled when a set
-is first needed, by a function in Python (`regime_sets.RegimePlaces`), and filled anew when all are
+is first needed, by a function in Python (`regime_sets.RegimePlaces`), and filled again when all are
 taken. A regime is one of `segments.LinearRegime`, and a guard signal one of those that a single
 absorber has: relative displacement of an absorber apart, joint force of a joined one. What differs
 from absorber to absorber is a row of weights. The last row, index n, belongs to the place where the
@@ -29,7 +29,7 @@ from impact_env.kernels.motion.forced import (
     SIGNALS,
     Forced,
     add_forced,
-    base_motion,
+    compute_base_motion,
     integrate_base,
     solve_guard,
     solve_response,
@@ -49,96 +49,76 @@ from impact_env.kernels.motion.segments import compute_amplitudes
 
 Array = NDArray[np.float64]
 
-# the place of the current set; uses of places so far; the address of the function that fills a
-# place for the set `Sets.wanted` and makes it the current one; whether that has failed
-SET_REQUEST = record_type(place=INTEGER, uses=INTEGER, fill_address=INTEGER, failed=FLAG)
+# the current set, and how a place is filled for another one
+SET_REQUEST = record_type(
+    place=INTEGER,  # place of the current set
+    uses=INTEGER,  # uses of places so far
+    fill_address=INTEGER,  # address of the function that fills a place for `Sets.wanted`
+    failed=FLAG,  # whether it has failed
+)
 
 
 class Sets(NamedTuple):
-    """The regimes of n absorbers, stacked.
+    """The regimes of n absorbers at K places, each for one set of joined absorbers.
 
-    The first axis of the arrays down to ``last_fill`` is the position of a regime and has the
-    length K.
-
-    ``rows`` (K, n + 1, ROWS, J) is `modal_system.ModalSystem.rows` for each absorber: GUARD its
-    signal, TIP the beam at its place, RELATIVE and REST a force on it; the last for the level's
-    place, without such forces. ``table`` to ``errors``: as in `modal_system.ModalSystem`; ``out``,
-    ``into``: as in `segments.LinearRegime`. ``deflection`` (K, n + 1, n): displacement (m/N) at
-    each place under a unit constant force on absorber b; ``compliance`` (K, n, n): relative
-    acceleration (1/kg) of absorber a by a unit force on absorber b. ``velocity_bound`` and
-    ``acceleration_bound`` (K, n, n): bounds of the rate and of the second derivative of a's guard
-    signal, at any later time, after a unit impulse on b. ``joined`` (K, n): the set; ``last_use``
-    and ``last_fill`` (K,): numbers of the last use of a place, 0 for an empty one, and of its
-    fillings. ``wanted`` (n,): a set to be filled; ``request``: a SET_REQUEST record.
+    Row a of ``rows`` has the weights of absorber a: GUARD its signal, TIP the beam at its place,
+    RELATIVE and REST a force on it; row n those of the level's place, without such forces.
     """
 
-    rows: Array
-    table: Array
-    scale: Array
-    steps: Array
-    waves: Array
-    turns: Array
-    errors: Array
-    out: Array
-    into: Array
-    deflection: Array
-    compliance: Array
-    velocity_bound: Array
-    acceleration_bound: Array
-    joined: NDArray[np.bool_]
-    last_use: NDArray[np.int64]
-    last_fill: NDArray[np.int64]
-    wanted: NDArray[np.bool_]
-    request: Any
+    rows: Array  # (K, n + 1, ROWS, J) as `ModalSystem.rows`
+    table: Array  # (K, ...) as `ModalSystem.table`
+    scale: Array  # as `ModalSystem.scale`
+    steps: Array  # as `ModalSystem.steps`
+    waves: Array  # as `ModalSystem.waves`
+    turns: Array  # as `ModalSystem.turns`
+    errors: Array  # as `ModalSystem.errors`
+    out: Array  # (K, ...) as `segments.LinearRegime.out`
+    into: Array  # as `segments.LinearRegime.into`
+    deflection: Array  # (K, n + 1, n) at each place under a unit force on absorber b (m/N)
+    compliance: Array  # (K, n, n) relative acceleration of a by a unit force on b (1/kg)
+    velocity_bound: Array  # (K, n, n) of the rate of a's signal after a unit impulse on b
+    acceleration_bound: Array  # (K, n, n) of its second derivative
+    joined: NDArray[np.bool_]  # (K, n) the set
+    last_use: NDArray[np.int64]  # (K,) number of the last use of a place, 0: empty
+    last_fill: NDArray[np.int64]  # (K,) number of its last filling
+    wanted: NDArray[np.bool_]  # (n,) set to be filled
+    request: Any  # a SET_REQUEST record
 
 
 class Absorbers(NamedTuple):
-    """Laws of n absorbers, each (n,), and shapes at their places (n, N_m).
+    """Laws of n absorbers and mode shapes at their places."""
 
-    Mass (kg), half-clearance (m, infinity: no walls), restitution and the velocity (m/s) above
-    which it falls (infinity: it does not), friction limit (N, 0: none), gravity (m/s^2) towards the
-    lower wall. ``tip_shape`` (N_m,): where the level is measured; ``square`` (N_m,): omega^2.
-    """
-
-    mass: Array
-    gap: Array
-    restitution: Array
-    yield_velocity: Array
-    limit: Array
-    gravity: Array
-    shapes: Array
-    tip_shape: Array
-    square: Array
+    mass: Array  # (n,) kg
+    gap: Array  # (n,) half-clearance (m), infinity: no walls
+    restitution: Array  # (n,)
+    yield_velocity: Array  # (n,) velocity above which it falls (m/s), infinity: it does not
+    limit: Array  # (n,) friction limit (N), 0: none
+    gravity: Array  # (n,) weight over mass, towards the lower wall (m/s^2)
+    shapes: Array  # (n, N_m) at the absorbers' places
+    tip_shape: Array  # (N_m,) where the level is measured
+    square: Array  # (N_m,) omega^2 of the modes (1/s^2)
 
 
 class ForcedSets(NamedTuple):
-    """Forced responses of the regimes in one window.
+    """Forced responses of the regimes in one window, as in `forced.Forced`."""
 
-    The arrays are those of `forced.Forced` with an additional axis for the position of the regime
-    and, where they differ, one for the absorber.
-
-    ``solved`` (K, n + 1): whether an absorber's guard signal is known; last, the response itself.
-    """
-
-    polynomials: Array
-    signals: Array
-    bound: Array
-    carrier: Array
-    terms: Array
+    polynomials: Array  # (K, 4, TERMS, J)
+    signals: Array  # (K, n + 1, 2, TERMS, 2, 4) of each absorber and the level
+    bound: Array  # (K, n + 1, DERIVATIVES + SCANNED)
+    carrier: Array  # (K, L, 2, POINTS)
+    terms: Array  # (2, TERMS)
+    # (K, n + 1) whether an absorber's signal is known; last, the response
     solved: NDArray[np.bool_]
 
 
 class SignalSet(NamedTuple):
-    """The guard signals of all absorbers, stacked along a first axis.
+    """The guard signals of n absorbers: `signals.Signal` with a first axis for the absorber."""
 
-    Each is a `signals.Signal`.
-    """
-
-    u: Array
-    polynomial: Array
-    moving: Array
-    block: Array
-    memory: Array
+    u: Array  # (n, 2, J)
+    polynomial: Array  # (n, 3)
+    moving: Array  # (n, 6 J)
+    block: Array  # (n, BLOCK)
+    memory: Array  # (n, 2)
 
 
 @jit_allocating
@@ -175,7 +155,7 @@ def new_signal_set(sets):
 
 
 @jit_view
-def system_of_set(sets, s, rows):
+def view_set_system(sets, s, rows):
     """Return the modal system of the set at place s with the weights ``rows``."""
     return ModalSystem(
         rows,
@@ -189,7 +169,7 @@ def system_of_set(sets, s, rows):
 
 
 @jit_view
-def forced_of_set(flow, s, place):
+def view_set_response(flow, s, place):
     """Return the forced response of the set at position s with the signals of one place.
 
     The place is that of an absorber or that of the level.
@@ -205,7 +185,7 @@ def forced_of_set(flow, s, place):
 
 
 @jit_view
-def signal_of_absorber(signals, a):
+def view_signal(signals, a):
     """Return the signal of absorber a."""
     return Signal(
         signals.u[a], signals.polynomial[a], signals.moving[a], signals.block[a], signals.memory[a]
@@ -219,7 +199,7 @@ def is_joined(sets, s, a):
 
 
 @jit
-def _holds_set(sets, s, contact_states):
+def _is_current_set(sets, s, contact_states):
     """Return whether the absorbers that are joined now are the set at place s."""
     same = True
     for a in range(contact_states.shape[0]):
@@ -234,11 +214,11 @@ def find_joined_set(sets, contact_states):
     The set's regime is made if it does not exist yet.
     """
     request = sets.request
-    if _holds_set(sets, request.place, contact_states):
+    if _is_current_set(sets, request.place, contact_states):
         return request.place
     place = -1
     for s in range(sets.joined.shape[0]):
-        if sets.last_use[s] > 0 and _holds_set(sets, s, contact_states):
+        if sets.last_use[s] > 0 and _is_current_set(sets, s, contact_states):
             place = s
             break
     if place < 0:
@@ -266,8 +246,8 @@ def update_set_response(sets, window, s, workspace):
         flow.solved[s, :] = False
     if flow.solved[s, n]:
         return
-    forced = forced_of_set(flow, s, n)
-    solve_response(system_of_set(sets, s, sets.rows[s, n]), window, forced)
+    forced = view_set_response(flow, s, n)
+    solve_response(view_set_system(sets, s, sets.rows[s, n]), window, forced)
     integrate_base(window, forced)
     flow.solved[s, :] = False
     flow.solved[s, n] = True
@@ -281,8 +261,8 @@ def update_guard_response(sets, absorbers, window, s, a, flow):
     """
     if flow.solved[s, a]:
         return
-    system = system_of_set(sets, s, sets.rows[s, a])
-    forced = forced_of_set(flow, s, a)
+    system = view_set_system(sets, s, sets.rows[s, a])
+    forced = view_set_response(flow, s, a)
     if is_joined(sets, s, a):
         solve_tip_signal(system, forced)
         solve_guard(system, window, absorbers.mass[a], forced)
@@ -295,16 +275,15 @@ def update_guard_response(sets, absorbers, window, s, a, flow):
 def add_base_motion(sets, window, s, a, sign, workspace):
     """Add a moving base's motion of the free absorber a, times ``sign``, to its contact state.
 
-    The response of the set at position s must be known.
-
-    Between events the contact state holds the rest of the motion, a polynomial of second order.
+    Between events the contact state holds the rest of the motion, a polynomial of second order. The
+    response of the set at place s must be known.
     """
     load = window.load
     if load is not None:
         contact_state = workspace.contact_states[a]
         n = sets.deflection.shape[2]
-        signals = forced_of_set(workspace.forced_sets, s, n).signals
-        q, v = base_motion(load, signals, window.omega, contact_state.tau)
+        signals = view_set_response(workspace.forced_sets, s, n).signals
+        q, v = compute_base_motion(load, signals, window.omega, contact_state.tau)
         contact_state.q += sign * q
         contact_state.v += sign * v
 
@@ -317,7 +296,7 @@ def fill_guard_signal(scene, s, a, workspace):
     """
     sets = scene.sets
     contact_state = workspace.contact_states[a]
-    signal = signal_of_absorber(workspace.signals, a)
+    signal = view_signal(workspace.signals, a)
     apply_weights(sets.rows[s, a], GUARD, workspace.buffers.z, signal.u)
     p = signal.polynomial
     if is_joined(sets, s, a):
@@ -331,21 +310,22 @@ def fill_guard_signal(scene, s, a, workspace):
 
 
 @jit
-def update_static_deflection(sets, absorbers, contact_states, s, own, deflection):
+def update_static_deflection(sets, absorbers, contact_states, s, place_rows, deflection):
     """Write the static response to the constant forces of all absorbers in the set at place s.
 
-    The amplitudes' rest part goes to own[s], the displacement (m) of each place to ``deflection``.
+    The amplitudes' rest part goes to place_rows[s], the displacement (m) of each place to
+    ``deflection``.
     """
     n = contact_states.shape[0]
-    own[s, REST, :] = 0.0
-    own[s, REST + 1, :] = 0.0
+    place_rows[s, REST, :] = 0.0
+    place_rows[s, REST + 1, :] = 0.0
     deflection[:] = 0.0
     for b in range(n):
         force = contact_states[b].force  # friction
         if is_joined(sets, s, b):
             force = absorbers.mass[b] * absorbers.gravity[b]
         if force != 0.0:
-            add_weighted(sets.rows[s, b], REST, force, own[s, REST : REST + 2])
+            add_weighted(sets.rows[s, b], REST, force, place_rows[s, REST : REST + 2])
             for place in range(n + 1):
                 deflection[place] += force * sets.deflection[s, place, b]
 

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating
 from impact_env.kernels.energy.energies import (
+    NOT_INITIALISED,
     add_energy,
-    forget_regime,
     new_account,
-    with_energy_account,
+    replace_energies_by_account,
 )
-from impact_env.kernels.events.signals import NOTHING, REVERSAL, GuardEvent, time_resolution
+from impact_env.kernels.events.signals import NOTHING, REVERSAL, GuardEvent, compute_time_resolution
 from impact_env.kernels.exact.check import check_set
 from impact_env.kernels.exact.joint_forces import Joints, new_joints
 from impact_env.kernels.exact.rigid_contact import (
@@ -51,14 +51,14 @@ from impact_env.kernels.exact.sets import (
     add_base_motion,
     fill_guard_signal,
     find_joined_set,
-    forced_of_set,
     is_joined,
     new_forced_sets,
     new_signal_set,
-    signal_of_absorber,
-    system_of_set,
     update_guard_response,
     update_set_response,
+    view_set_response,
+    view_set_system,
+    view_signal,
 )
 from impact_env.kernels.exact.several_events import (
     handle_impact,
@@ -102,29 +102,21 @@ class Several(NamedTuple):
 
 
 class SeveralWorkspace(NamedTuple):
-    """Motion and scratch memory of a run with n absorbers and K places for regimes.
+    """Motion and scratch memory of a run with n absorbers and K places for regimes."""
 
-    ``contact_states`` (n,): RIGID_CONTACT_STATE records; ``place_rows`` (K, ROWS, J): weights of
-    the level's place, with the rest part of all constant forces; ``deflection`` (n + 1,):
-    displacement (m) of the places under them; ``motion`` (n,): as in `segments.Segment`, and
-    between two sets the relative motion; ``safe_times`` (n,): SAFE_TIME records; ``last_fill`` and
-    ``last_account`` (K,): the filling of each place that forced responses and energies belong to;
-    ``forces`` (n,): constant forces (N) before an event.
-    """
-
-    contact_states: NDArray[Any]
-    buffers: Buffers
-    signals: SignalSet
-    forced_sets: ForcedSets
-    joints: Joints
-    place_rows: Array
-    deflection: Array
-    motion: NDArray[Any]
-    safe_times: NDArray[Any]
-    last_fill: NDArray[np.int64]
-    last_account: NDArray[np.int64]
-    forces: Array
-    scratch: Array
+    contact_states: NDArray[Any]  # (n,) RIGID_CONTACT_STATE records
+    buffers: Buffers  # ``z`` is the free part of the amplitudes
+    signals: SignalSet  # of the absorbers
+    forced_sets: ForcedSets  # responses in the current window
+    joints: Joints  # of the joint forces
+    place_rows: Array  # (K, ROWS, J) weights of the level's place, with the constant forces
+    deflection: Array  # (n + 1,) of the places under the constant forces (m)
+    motion: NDArray[Any]  # (n,) as `Segment.motion`; between two sets the relative motion
+    safe_times: NDArray[Any]  # (n,) SAFE_TIME records
+    last_fill: NDArray[np.int64]  # (K,) filling of each place that the responses belong to
+    last_account: NDArray[np.int64]  # (K,) filling that the energies belong to
+    forces: Array  # (n,) constant forces before an event (N)
+    scratch: Array  # (2 N_m + 2 n,) a state
 
 
 @jit_allocating
@@ -155,18 +147,18 @@ def new_several_workspace(sets, absorbers, state):
 
 
 @jit
-def next_event_of(scene, window, s, a, length, workspace):
+def find_absorber_event(scene, window, s, a, length, workspace):
     """Return the first event of absorber a within ``length`` (s) in the set at position s.
 
     The forced part of the absorber's guard signal must be known.
     """
     sets = scene.sets
     absorbers = scene.absorbers
-    system = system_of_set(sets, s, sets.rows[s, a])
-    forced = forced_of_set(workspace.forced_sets, s, a)
+    system = view_set_system(sets, s, sets.rows[s, a])
+    forced = view_set_response(workspace.forced_sets, s, a)
     limit = absorbers.limit[a]
     body = AbsorberView(
-        workspace.contact_states[a], workspace.buffers, signal_of_absorber(workspace.signals, a)
+        workspace.contact_states[a], workspace.buffers, view_signal(workspace.signals, a)
     )
     if is_joined(sets, s, a):
         weight = absorbers.mass[a] * absorbers.gravity[a]
@@ -195,7 +187,7 @@ def find_earliest_event(scene, window, s, counters, workspace):
     now = workspace.contact_states[0].tau
     first = 0
     earliest = GuardEvent(NOTHING, window.half - now, 0.0, 0.0, 0.0, 0)
-    resolution = time_resolution(sets.rows[s, 0], window.omega, window.half)
+    resolution = compute_time_resolution(sets.rows[s, 0], window.omega, window.half)
     share = window.half / n
     while earliest.offset > resolution or earliest.kind == NOTHING:
         a = find_most_urgent(safe_times)
@@ -208,7 +200,7 @@ def find_earliest_event(scene, window, s, counters, workspace):
             counters.counts.evaluations += 1
             continue
         length = min(earliest.offset, max(safe_times[a].until - now, 0.0) + share)
-        event = next_event_of(scene, window, s, a, length, workspace)
+        event = find_absorber_event(scene, window, s, a, length, workspace)
         counters.counts.evaluations += event.evaluations
         if event.kind != NOTHING or np.isnan(event.offset):
             first = a
@@ -232,9 +224,9 @@ def observe_set_segment(scene, window, s, offset, workspace, observers):
     n = workspace.contact_states.shape[0]
     sets = scene.sets
     tau = workspace.contact_states[0].tau
-    system = system_of_set(sets, s, workspace.place_rows[s])
+    system = view_set_system(sets, s, workspace.place_rows[s])
     regime = LinearRegime(system, sets.out[s], sets.into[s], 0.0)
-    forced = forced_of_set(workspace.forced_sets, s, n)
+    forced = view_set_response(workspace.forced_sets, s, n)
     for a in range(n):
         contact_state = workspace.contact_states[a]
         motion = workspace.motion[a]
@@ -259,8 +251,10 @@ def observe_set_segment(scene, window, s, offset, workspace, observers):
     if workspace.last_account[s] != sets.last_fill[s]:
         workspace.last_account[s] = sets.last_fill[s]
         account = observers.energy
-        if account is not None:
-            forget_regime(account, s)
+        if account is not None:  # another regime has taken this place
+            account.states[s].kind = NOT_INITIALISED
+            account.states[s].window = np.nan
+            account.rows[s, :, :] = 0.0
     add_energy(segment, scene.losses, workspace.scratch, s, observers.energy)
 
 
@@ -274,11 +268,11 @@ def observe_friction(scene, window, s, a, offset, workspace, energy):
     update_guard_response(sets, scene.absorbers, window, s, a, workspace.forced_sets)
     fill_guard_signal(scene, s, a, workspace)
     contact_state = workspace.contact_states[a]
-    body = AbsorberView(contact_state, workspace.buffers, signal_of_absorber(workspace.signals, a))
+    body = AbsorberView(contact_state, workspace.buffers, view_signal(workspace.signals, a))
     add_friction_loss(
         limit,
-        system_of_set(sets, s, sets.rows[s, a]),
-        forced_of_set(workspace.forced_sets, s, a),
+        view_set_system(sets, s, sets.rows[s, a]),
+        view_set_response(workspace.forced_sets, s, a),
         window.omega,
         body,
         contact_state.tau,
@@ -435,7 +429,7 @@ def several_lane(scene, plan, state, observers):
     counts = observers.counters.counts
     for a in range(workspace.contact_states.shape[0]):
         limit_searches(workspace.signals.memory[a], observers.counters)
-    lane_observers = with_energy_account(
+    lane_observers = replace_energies_by_account(
         observers, new_account(observers.energy, sets.rows.shape[0], sets.rows.shape[3])
     )
     for k in range(schedule.times.shape[0] - 1):

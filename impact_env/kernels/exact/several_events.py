@@ -6,9 +6,9 @@ The module also contains the change from one set of joined absorbers to another 
   finite friction force cannot hold against it, so a stuck absorber slides on with the velocity that
   it was given. One that a wall holds leaves it, or hits it at once and bounces. Only where all that
   would stay below the rounding of the position does it stay joined: else two absorbers at rest on
-  walls would set each other free for ever. Then the impulse is still that of the law without
-  joints, and the joint takes out what it gives, as coming to rest again would: bounces go on dying
-  out.
+  walls would release each other for ever. Then the impulse is still computed by the law without
+  joints, and the joint takes out the velocity that it gives, as coming to rest again would: bounces
+  continue to decay.
 - Where a force jumps (a reversal, an impact with friction, a new joint), all absorbers without
   relative velocity are resolved together (joint_forces.py), and so are those that come to rest, or
   leave their joint, at the same time. Impacts at the same time are taken one after the other.
@@ -26,8 +26,8 @@ from impact_env.kernels.events.signals import (
     HIT_HIGH,
     HIT_LOW,
     NOTHING,
+    compute_signal_scale,
     evaluate_at_offset,
-    signal_scale,
 )
 from impact_env.kernels.exact.joint_forces import (
     begin_slip,
@@ -44,7 +44,7 @@ from impact_env.kernels.exact.rigid_contact import (
     compute_restitution,
     compute_tip_motion,
     detect_wall_contact,
-    joint_bounds,
+    find_joint_bounds,
     reverse_or_stick,
     update_friction_force,
     update_wall_contact,
@@ -55,15 +55,15 @@ from impact_env.kernels.exact.sets import (
     enter_set,
     fill_guard_signal,
     find_joined_set,
-    forced_of_set,
     is_joined,
-    signal_of_absorber,
-    system_of_set,
     update_guard_response,
     update_set_response,
     update_static_deflection,
+    view_set_response,
+    view_set_system,
+    view_signal,
 )
-from impact_env.kernels.motion.forced import add_forced, base_motion, evaluate_signal
+from impact_env.kernels.motion.forced import add_forced, compute_base_motion, evaluate_signal
 from impact_env.kernels.motion.modal_system import (
     GUARD,
     REST,
@@ -80,7 +80,7 @@ BEFORE_FIRST_SET = -1  # before a run's first regime
 
 
 @jit_view
-def contact_of_absorber(scene, s, a, restitution):
+def view_contact_law(scene, s, a, restitution):
     """Return the contact law of absorber a in set s."""
     absorbers = scene.absorbers
     walls = Walls(absorbers.gap[a], restitution, absorbers.yield_velocity[a])
@@ -108,8 +108,8 @@ def write_set_state(sets, window, s, workspace, state):
     if load is not None:
         n = workspace.contact_states.shape[0]
         half = state.shape[0] // 2
-        signals = forced_of_set(workspace.forced_sets, s, n).signals
-        q, v = base_motion(load, signals, window.omega, workspace.contact_states[0].tau)
+        signals = view_set_response(workspace.forced_sets, s, n).signals
+        q, v = compute_base_motion(load, signals, window.omega, workspace.contact_states[0].tau)
         for a in range(n):
             if not is_joined(sets, s, a):
                 state[half - n + a] += q
@@ -138,9 +138,7 @@ def write_state_from(sets, s, w, workspace, state):
 
 @jit
 def change_set(scene, window, before, state, workspace):
-    """Continue in the regime of the absorbers that are joined now.
-
-    The state is the last one in set ``before``.
+    """Continue in the set of absorbers that are joined now, from the state in set ``before``.
 
     Going through the state leaves the rounding of two maps. In the same set only the constant
     forces change. In another set the relative motion of the absorbers is kept: otherwise bounces
@@ -179,10 +177,10 @@ def compute_relative_motion(scene, window, s, a, workspace):
     contact_state = workspace.contact_states[a]
     update_guard_response(sets, scene.absorbers, window, s, a, workspace.forced_sets)
     fill_guard_signal(scene, s, a, workspace)
-    signal = signal_of_absorber(workspace.signals, a)
+    signal = view_signal(workspace.signals, a)
     value, rate, _ = evaluate_at_offset(
-        system_of_set(sets, s, sets.rows[s, a]),
-        forced_of_set(workspace.forced_sets, s, a).signals,
+        view_set_system(sets, s, sets.rows[s, a]),
+        view_set_response(workspace.forced_sets, s, a).signals,
         window.omega,
         signal,
         contact_state.tau,
@@ -220,9 +218,8 @@ def save_relative_motion(scene, window, s, workspace):
             if scene.absorbers.limit[a] > 0.0 and abs(
                 rate
             ) <= POSITION_ROUNDING * compute_relative_rate_scale(sets, s, a, workspace):
-                contact_state.at_rest = (
-                    True  # it has just begun to slide, and not yet by more than rounding
-                )
+                # it has just begun to slide, and not yet by more than rounding
+                contact_state.at_rest = True
             motion.q = value
             motion.v = 0.0 if contact_state.at_rest else rate
 
@@ -250,7 +247,7 @@ def resolve_resting_absorbers(scene, window, s, state, workspace, events):
     write_set_state(sets, window, s, workspace, state)
     for a in range(workspace.contact_states.shape[0]):
         row = workspace.contact_states[a]
-        contact = contact_of_absorber(scene, 0, a, absorbers.restitution[a])
+        contact = view_contact_law(scene, 0, a, absorbers.restitution[a])
         workspace.joints.complete[a] = row.at_rest or is_joined(sets, s, a)
         if row.at_rest and not is_joined(sets, s, a):
             add_base_motion(sets, window, s, a, 1.0, workspace)
@@ -275,7 +272,7 @@ def resolve_resting_absorbers(scene, window, s, state, workspace, events):
 
 
 @jit
-def leaves_joint_now(scene, window, s, b, workspace):
+def find_passed_bound(scene, window, s, b, workspace):
     """Return the guard that the joint force of a joined absorber b leaves now.
 
     The joint force is at this guard up to rounding and moves beyond it. If it is at no guard, the
@@ -284,19 +281,19 @@ def leaves_joint_now(scene, window, s, b, workspace):
     fill_guard_signal(scene, s, b, workspace)
     sets = scene.sets
     update_guard_response(sets, scene.absorbers, window, s, b, workspace.forced_sets)
-    signal = signal_of_absorber(workspace.signals, b)
-    forced = forced_of_set(workspace.forced_sets, s, b)
+    signal = view_signal(workspace.signals, b)
+    forced = view_set_response(workspace.forced_sets, s, b)
     contact_state = workspace.contact_states[b]
     f, rate, _ = evaluate_at_offset(
-        system_of_set(sets, s, sets.rows[s, b]),
+        view_set_system(sets, s, sets.rows[s, b]),
         forced.signals,
         window.omega,
         signal,
         contact_state.tau,
         0.0,
     )
-    low, high = joint_bounds(scene.absorbers.limit[b], contact_state.side)
-    slack = POSITION_ROUNDING * signal_scale(signal, forced.bound)
+    low, high = find_joint_bounds(scene.absorbers.limit[b], contact_state.side)
+    slack = POSITION_ROUNDING * compute_signal_scale(signal, forced.bound)
     if rate > 0.0 and f >= high - slack:
         return HIT_HIGH
     if rate < 0.0 and f <= low + slack:
@@ -308,9 +305,8 @@ def leaves_joint_now(scene, window, s, b, workspace):
 def release_from_set(scene, window, s, a, event, state, workspace, events):
     """Release absorber a from set s, because its joint force has left its bounds.
 
-    All other absorbers whose joint force leaves its bounds at this time are released as well.
-
-    No force jumps.
+    All others whose joint force leaves its bounds at this time are released as well. No force
+    jumps.
     """
     sets = scene.sets
     contact_states = workspace.contact_states
@@ -320,7 +316,7 @@ def release_from_set(scene, window, s, a, event, state, workspace, events):
     for b in range(contact_states.shape[0]):
         kind = event if b == a else NOTHING
         if b != a and is_joined(sets, s, b):
-            kind = leaves_joint_now(scene, window, s, b, workspace)
+            kind = find_passed_bound(scene, window, s, b, workspace)
         if kind != NOTHING:
             begin_slip(
                 scene.absorbers.limit[b],
@@ -371,12 +367,10 @@ def handle_reversal(scene, window, s, a, event, state, workspace, events):
         if b != a and contact_states[b].at_rest:
             alone = False
     if alone:
-        body = AbsorberView(
-            contact_states[a], workspace.buffers, signal_of_absorber(workspace.signals, a)
-        )
-        contact = contact_of_absorber(scene, s, a, scene.absorbers.restitution[a])
+        body = AbsorberView(contact_states[a], workspace.buffers, view_signal(workspace.signals, a))
+        contact = view_contact_law(scene, s, a, scene.absorbers.restitution[a])
         if not reverse_or_stick(
-            system_of_set(sets, s, sets.rows[s, a]), contact, limit, body, event
+            view_set_system(sets, s, sets.rows[s, a]), contact, limit, body, event
         ):
             update_static_deflection(
                 sets,
@@ -392,10 +386,8 @@ def handle_reversal(scene, window, s, a, event, state, workspace, events):
 
 
 @jit
-def remains_stuck(scene, window, s, b, kick, state, workspace):
-    """Return whether a joined absorber stays joined despite an impulse.
-
-    The absorber receives a relative velocity ``kick`` (m/s) from the impulse.
+def is_held(scene, window, s, b, kick, state, workspace):
+    """Return whether absorber b stays joined after an impulse gives it the velocity ``kick`` (m/s).
 
     It does where its way to rest, kick^2/(2 a), is below the rounding of the position. The
     deceleration a follows from the distance of the joint force from its bounds.
@@ -411,7 +403,7 @@ def remains_stuck(scene, window, s, b, kick, state, workspace):
     )
     for j in range(u.shape[1]):
         f += u[0, j]
-    low, high = joint_bounds(absorbers.limit[b], workspace.contact_states[b].side)
+    low, high = find_joint_bounds(absorbers.limit[b], workspace.contact_states[b].side)
     margin = min(high - f, f - low)
     if not margin > 0.0:
         return False
@@ -433,14 +425,14 @@ def release_by_impact(scene, window, s, a, event, state, workspace, events):
     absorbers = scene.absorbers
     freed = workspace.joints.freed
     e = compute_restitution(
-        contact_of_absorber(scene, s, a, absorbers.restitution[a]).walls, event.rate
+        view_contact_law(scene, s, a, absorbers.restitution[a]).walls, event.rate
     )
     impulse = -(1.0 + e) * event.rate / compliance[a, a]
     write_set_state(sets, window, s, workspace, state)
     compute_contact_kinematics(absorbers, state, workspace.joints)
     changed = False
     for b in range(contact_states.shape[0]):
-        freed[b] = is_joined(sets, s, b) and not remains_stuck(
+        freed[b] = is_joined(sets, s, b) and not is_held(
             scene, window, s, b, compliance[b, a] * impulse, state, workspace
         )
         changed = changed or freed[b]
@@ -493,16 +485,14 @@ def propagate_impulse(scene, window, s, a, impulse, state, workspace):
 
 @jit
 def compute_set_restitution(scene, s, a, rate):
-    """Return the effective restitution of an impact of absorber a in set s.
+    """Return the effective restitution of an impact of absorber a in set s at ``rate`` (m/s).
 
-    The impact has the relative velocity ``rate`` (m/s), and the joined absorbers stay joined.
-
-    The impulse is that of the free beam. What it gives to joined absorbers is taken out by their
-    joints, so the effective mass is larger.
+    The impulse is computed for the free beam. The joints of joined absorbers, which stay joined,
+    take out the velocity that it gives them, so the effective mass is larger.
     """
     sets = scene.sets
     restitution = scene.absorbers.restitution[a]
-    e = compute_restitution(contact_of_absorber(scene, s, a, restitution).walls, rate)
+    e = compute_restitution(view_contact_law(scene, s, a, restitution).walls, rate)
     if s == 0:
         return e
     return max((1.0 + e) * sets.compliance[s, a, a] / sets.compliance[0, a, a] - 1.0, 0.0)
@@ -526,12 +516,10 @@ def handle_impact(scene, window, s, a, event, state, workspace, observers):
         s = find_joined_set(sets, contact_states)
     update_guard_response(sets, scene.absorbers, window, s, a, workspace.forced_sets)
     contact_states[a].impulse_bound = NO_BOUND if changed else sets.acceleration_bound[s, a, a]
-    system = system_of_set(sets, s, sets.rows[s, a])
-    forced = forced_of_set(workspace.forced_sets, s, a)
-    body = AbsorberView(
-        contact_states[a], workspace.buffers, signal_of_absorber(workspace.signals, a)
-    )
-    contact = contact_of_absorber(scene, s, a, compute_set_restitution(scene, s, a, event.rate))
+    system = view_set_system(sets, s, sets.rows[s, a])
+    forced = view_set_response(workspace.forced_sets, s, a)
+    body = AbsorberView(contact_states[a], workspace.buffers, view_signal(workspace.signals, a))
+    contact = view_contact_law(scene, s, a, compute_set_restitution(scene, s, a, event.rate))
     walls = Walls(contact.walls.gap, contact.walls.restitution, np.inf)
     before = contact_states[a].v
     rests = apply_impact(system, forced, window, walls, contact, body, event, observers)
@@ -557,7 +545,7 @@ def init_joined_set(scene, window, state, workspace, events):
     for a in range(n):
         row = contact_states[a]
         limit = absorbers.limit[a]
-        contact = contact_of_absorber(scene, 0, a, absorbers.restitution[a])
+        contact = view_contact_law(scene, 0, a, absorbers.restitution[a])
         row.q = state[half - n + a]
         row.v = state[2 * half - n + a]
         relative = detect_wall_contact(contact, contact.walls, row, state)

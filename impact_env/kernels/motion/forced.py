@@ -19,26 +19,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import (
-    NUMBER,
-    jit,
-    jit_allocating,
-    jit_inline,
-    vector_code,
-)
+from impact_env.kernels.compiling.jit import NUMBER, jit, jit_allocating, jit_inline, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
-from impact_env.kernels.motion.loads import (
-    TERMS,
-)
-from impact_env.kernels.motion.modal_system import (
-    BASE,
-    DRIVE,
-    GUARD,
-    POINTS,
-    TIP,
-    S,
-    cos_sin,
-)
+from impact_env.kernels.motion.loads import TERMS
+from impact_env.kernels.motion.modal_system import BASE, DRIVE, GUARD, POINTS, TIP, S, cos_sin
 
 SCAN_TERMS = 7  # coefficients of a polynomial that the event search sums in a block
 # of |i Omega - s| times half the window, below which a polynomial is solved from its lowest
@@ -56,47 +40,42 @@ THIRD, FOURTH, FIFTH = GUARD_SIGNALS[3:]
 
 
 class UnitResponses(NamedTuple):
-    """A regime's forced responses to unit loads without a carrier (unit_loads.py).
+    """A regime's forced responses to n unit loads without a carrier (unit_loads.py).
 
-    The unit loads are a constant and the time from the window's centre, each as a force and as the
-    acceleration of each of C bases that move.
-
-    ``polynomials`` (only A, which B equals), ``signals`` and ``bound``: those of `Forced`, with one
-    axis more for the loads, first as forces, then as the bases' accelerations. ``coefficients`` (2
-    + 2 C,): of the load in a window, C bases that move. ``half`` (1,): longest half window (s) that
-    the bounds hold for. ``step_map`` (3 + 2 C, 2, J): the amplitudes after ``step_length`` (1,) s,
-    as factor of those before and for each unit load.
+    The unit loads are a constant and the time from the window's centre, first as forces, then as
+    the accelerations of each of C bases that move: n = 2 + 2 C.
     """
 
-    polynomials: NDArray[np.float64]
-    signals: NDArray[np.float64]
-    bound: NDArray[np.float64]
-    coefficients: NDArray[np.float64]
-    half: NDArray[np.float64]
+    polynomials: NDArray[np.float64]  # (n, 2, TERMS, J) A, which B equals
+    signals: NDArray[np.float64]  # (n, 2, TERMS, 2, 4) as `Forced.signals`
+    bound: NDArray[np.float64]  # (n, DERIVATIVES + SCANNED) as `Forced.bound`
+    coefficients: NDArray[np.float64]  # (n,) of the load in a window
+    half: NDArray[np.float64]  # (1,) longest half window that the bounds hold for (s)
+    # (n + 1, 2, J) amplitudes after a step: factor of those before it, and for each unit load
     step_map: NDArray[np.float64]
-    step_length: NDArray[np.float64]
+    step_length: NDArray[np.float64]  # (1,) of the step map (s)
 
 
 class Forced(NamedTuple):
-    """One regime's forced part in one window.
+    """One regime's forced response in one window.
 
-    ``polynomials`` (4, TERMS, J) holds A and B, real and imaginary in turn. ``signals`` (2, TERMS,
-    2, 4): polynomials, as factors of exp(i Omega tau), of the guard signal, its derivatives and the
-    tip displacement; the coefficients of signal m, real and imaginary, are signals[m // 4, :, :, m
-    % 4]. ``bound`` (DERIVATIVES + SCANNED,): the largest size, up to BOUND_REACH half windows from
-    the centre, of the guard signal's derivatives, and of what SCAN_TERMS coefficients leave out of
-    the first of them. ``carrier`` (L, 2, POINTS): exp(i Omega k h_L), k = 1 ... POINTS, for the
-    levels of `modal_system.ModalSystem`; not a number first where a level is not known yet.
-    ``terms`` (2, TERMS): Taylor coefficients in tau of half the complex force without its carrier.
-    ``unit_responses``: used where the load is linear in the window; None: under a chirp.
+    The polynomials of modal amplitudes are A and B; those of signals are factors of exp(i Omega
+    tau). The coefficients of signal m, real and imaginary, are signals[m // 4, :, :, m % 4].
     """
 
-    polynomials: NDArray[np.float64]
+    polynomials: NDArray[np.float64]  # (4, TERMS, J) A and B, real and imaginary in turn
+    # (2, TERMS, 2, 4) of guard signal, derivatives and tip displacement
     signals: NDArray[np.float64]
+    # (DERIVATIVES + SCANNED,) the largest size, up to BOUND_REACH half windows from the centre, of
+    # the guard signal's derivatives, and of what SCAN_TERMS coefficients leave out of the first
+    # ones
     bound: NDArray[np.float64]
+    # (L, 2, POINTS) exp(i Omega k h_L), k = 1 ... POINTS, for the levels of `ModalSystem`; a level
+    # that is not known yet begins with NaN
     carrier: NDArray[np.float64]
+    # (2, TERMS) Taylor coefficients in tau of half the complex force without its carrier
     terms: NDArray[np.float64]
-    unit_responses: UnitResponses | None
+    unit_responses: UnitResponses | None  # where the load is linear in a window; None: a chirp
 
 
 def coefficient_index(m: Any, n: int, part: int) -> Any:
@@ -208,11 +187,11 @@ def back_substitute_all(
         place = plane * at + j
         solved = None
         for n in range(TERMS - 1, -1, -1):
-            own = drive.times(_spread_pair(code, terms, n, TERMS, sign))
+            driven = drive.times(_spread_pair(code, terms, n, TERMS, sign))
             real = code.sum(code.lanes)
             imag = code.sum(code.lanes)
-            real += own.real
-            imag += own.imag
+            real += driven.real
+            imag += driven.imag
             for c in code.loop(count):
                 row = size * (c * 2 + BASE) + j
                 share = code.complex(rows, row, row + size).times(
@@ -327,7 +306,7 @@ def sum_amplitudes_of_state(code: Code, into, count: Index, size: Index, state, 
 
 @jit
 def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
-    """Return (x_r, x_i) plus the drive of amplitude ``j`` by term ``n`` of the bases' accelerations.
+    """Return (x_r, x_i) plus the drive of amplitude ``j`` by the bases' accelerations, term ``n``.
 
     The response to a unit acceleration of the first base is in ``row``, those of others follow.
     """
@@ -424,7 +403,7 @@ def forward_substitute(rows, j, window, sign, terms, at, out):
 
 @jit
 def _differentiate_signal(omega, signals, start, at):
-    """Write the polynomial of the derivative of signal ``start``, p' + i omega p, to signal ``at``."""
+    """Write the derivative p' + i omega p of signal ``start`` to signal ``at``."""
     for n in range(TERMS):
         d_r = -omega * signals[start // 4, n, 1, start % 4]
         d_i = omega * signals[start // 4, n, 0, start % 4]
@@ -533,8 +512,9 @@ def solve_tip_signal(system, forced):
 def integrate_base(window, forced):
     """Fill the signal of the displacement Y that a moving base gives a free absorber.
 
-    Y'' = -r a_b is integrated twice by P' + i Omega P = F, the equation of `back_substitute` with
-    s = 0: where Omega is small the polynomial is built upwards. `base_motion` uses this signal.
+    Y'' = -r a_b is integrated twice by P' + i Omega P = F, the equation of `back_substitute` with s
+    = 0: where Omega is small the polynomial is built upwards. `compute_base_motion` uses this
+    signal.
     """
     load = window.load
     if load is None:
@@ -574,7 +554,7 @@ def integrate_base(window, forced):
 
 
 @jit
-def base_motion(load, signals, omega, tau):
+def compute_base_motion(load, signals, omega, tau):
     """Return displacement (m) and velocity (m/s) that a moving base gives a free absorber.
 
     Both are 0 if the base is at rest.

@@ -1,12 +1,18 @@
-"""Loads of any kind in a window.
+"""The load in a window: the chirp of one force, or any other loads.
 
-Each load is a list of pieces. The sum of the loads is one polynomial of time on a common carrier.
+In: a `Schedule`, the breakpoints of the drive with a section between two of them. Out: its windows
+(`ForceWindow`), in which the load is expanded around one frequency, the carrier.
 
-A piece is Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the piece
-began: a chirp (c0 alone), the unbalance of a rotor that runs up (the square of its frequency), a
-base's displacement (two derivatives of it), straight lines between samples (no carrier), a pulse.
-In a window all pieces are expanded around its centre on the carrier halfway between the lowest and
-the highest frequency that is there.
+The chirp of one force is described by its frequency and the rate of it. Other loads are a list of
+pieces, whose sum is one polynomial of time on the carrier. With the time u since it began, a piece
+is
+
+    Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))):
+
+a chirp (c0 alone), the unbalance of a rotor that runs up (the square of its frequency), a base's
+displacement (two derivatives of it), straight lines between samples (no carrier), a pulse. In a
+window all pieces are expanded around its centre on the carrier halfway between the lowest and the
+highest frequency of the pieces that are not zero.
 """
 
 from __future__ import annotations
@@ -17,27 +23,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import (
-    jit,
-    jit_allocating,
-    jit_inline,
-)
-from impact_env.kernels.motion.modal_system import (
-    cos_sin,
-)
+from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
+from impact_env.kernels.motion.modal_system import cos_sin
 
 TERMS = 9  # coefficients of the forced part's polynomials (forced.py)
 
 Array = NDArray[np.float64]
 CHIRP_REMAINDER = 1e-17
-# rad from a window's centre to its end, of a frequency against the carrier: to the ninth power over
-# 9! it is 5e-18
+# rad that a frequency turns against the carrier from a window's centre to its end: to the ninth
+# power, over 9!, it is 5e-18
 MOST_BEAT_PHASE = 0.049
 BEAT_CURVATURE_PHASE = 1e-4  # rad that a frequency's own change may add to that
-# rad of the force from a window's centre to its end: rounding of time makes that times 1e-16 of the
-# forced part noise
+# rad that the force turns from a window's centre to its end: rounding of time gives an error of
+# this times 1e-16 in the forced part
 MOST_PHASE = 300.0
-EQUAL_LENGTH_TOL = 1e-4  # of a segment: by that two may differ that count as equally long
+EQUAL_LENGTH_TOL = 1e-4  # of the length of a section: two that differ by less are equally long
 EQUAL_FREQUENCY_TOL = 1e-12  # of the highest frequency: closer ones need no common carrier
 # numbers of a piece: when it begins (s), frequency (rad/s), its rate (rad/s^2), phase (rad), real
 # and imaginary parts of c0, c1, c2
@@ -50,13 +50,14 @@ NUMBERS = 10
 
 
 class BaseParticipation(NamedTuple):
-    """Response of a scene to unit accelerations of C bases: its own, and forces at further places.
+    """Response of a scene to unit accelerations of C bases.
 
-    A force (N) with the mode shape p is the acceleration of a base with the participation -p that
-    carries no absorber. ``participation`` Gamma (C, N_m) in sqrt(kg); ``at_absorber`` (C,):
-    displacement of the absorbers' places for a unit rigid motion, 0 of a force; ``carried`` (C, n):
-    each absorber's mass times that (kg), 0 without an absorber; ``moves``: whether there is any. It
-    is a value, so that one kernel serves bases that move and that rest.
+    The first base is that of the scene. A force (N) at a further place with the mode shape p is the
+    acceleration of a base with the participation -p that carries no absorber. ``participation``
+    Gamma (C, N_m) in sqrt(kg); ``at_absorber`` (C,): displacement of the absorbers' places for a
+    unit rigid motion, 0 of a force; ``carried`` (C, n): each absorber's mass times ``at_absorber``
+    (kg), 0 without an absorber; ``moves``: whether any base moves, a value at run time, so that one
+    kernel serves bases that move and that rest.
     """
 
     participation: Array
@@ -66,14 +67,14 @@ class BaseParticipation(NamedTuple):
 
 
 class LoadPieces(NamedTuple):
-    """Loads that act together in a run.
+    """Loads that act together in a run, each a source.
 
     They are never written to, so that runs in several threads may share them.
 
-    ``pieces`` (P, NUMBERS), ``which`` (K - 1, sources) the piece of each source in each segment of
-    time. ``channel`` (sources,): 0 of a force (N) on the structure, c of the acceleration (m/s^2)
-    of base c - 1, or the force in its place. Without sources a stepping method is under the chirp
-    of one force.
+    ``pieces`` (P, NUMBERS): numbers BEGINS to POLYNOMIAL of each piece. ``which`` (K - 1, sources):
+    the piece of each source in each section. ``channel`` (sources,): 0 of a force (N) on the
+    structure, c of the acceleration (m/s^2) of base c - 1, or of the force (N) in its place.
+    Without sources a stepping method is under the chirp of one force.
     """
 
     pieces: Array
@@ -82,27 +83,11 @@ class LoadPieces(NamedTuple):
     base: BaseParticipation
 
 
-def _make_no_loads():
-    """Return loads without sources: a run under the chirp of one force."""
-    return LoadPieces(
-        np.zeros((0, NUMBERS)),
-        np.zeros((0, 0), np.int64),
-        np.zeros(0, np.int64),
-        BaseParticipation(np.zeros((1, 0)), np.zeros(1), np.zeros((1, 0)), False),
-    )
-
-
-NO_LOADS = _make_no_loads()
-new_no_loads = jit_allocating(_make_no_loads)  # the same within a kernel
-
-
 class MovingBase(NamedTuple):
-    """Bases with their `BaseParticipation`.
+    """C bases with their `BaseParticipation` and scratch memory.
 
-    ``terms`` (C, 2, TERMS) are those of their accelerations in the current window, as in
-    `LoadWorkspace`.
-
-    ``accelerations`` (C,): at a time, as `compute_base_accelerations` writes them.
+    ``terms`` (C, 2, TERMS): of their accelerations in the current window, as `LoadWorkspace.terms`;
+    ``accelerations`` (C,): at one time (m/s^2).
     """
 
     terms: Array
@@ -127,6 +112,49 @@ class LoadWorkspace(NamedTuple):
     terms: Array
     base: MovingBase
     linear: NDArray[np.bool_]
+
+
+class ForceWindow(NamedTuple):
+    """A piece of a section, with the load expanded around one frequency.
+
+    ``alpha`` and the force describe the chirp of one force; other loads are in ``load``.
+    """
+
+    centre: float  # s
+    half: float  # half length (s)
+    omega: float  # frequency of the carrier (rad/s)
+    alpha: float  # rate of the frequency (rad/s^2)
+    force_r: float  # force at the centre, real part (N)
+    force_i: float  # imaginary part (N)
+    load: LoadWorkspace | None = None  # with the terms of other loads, None: a chirp
+
+
+class Schedule(NamedTuple):
+    """Breakpoints of the drive; a section lies between two of them.
+
+    ``load`` None: the chirp of one force. Of other loads only the times are used.
+    """
+
+    times: Array  # (K,) s
+    omegas: Array  # (K,) circular frequencies (rad/s)
+    phases: Array  # (K,) rad
+    amplitude: float  # of the force (N)
+    reach: float  # longest window (s)
+    load: LoadPieces | None  # in a lane a `LoadWorkspace`
+
+
+def _make_no_loads():
+    """Return loads without sources: a run under the chirp of one force."""
+    return LoadPieces(
+        np.zeros((0, NUMBERS)),
+        np.zeros((0, 0), np.int64),
+        np.zeros(0, np.int64),
+        BaseParticipation(np.zeros((1, 0)), np.zeros(1), np.zeros((1, 0)), False),
+    )
+
+
+NO_LOADS = _make_no_loads()
+new_no_loads = jit_allocating(_make_no_loads)  # the same within a kernel
 
 
 @jit_allocating
@@ -187,9 +215,9 @@ def is_linear_section(load, k):
 
 @jit
 def find_frequency_band(load, k, t):
-    """Return the lowest and highest frequency (rad/s) of section ``k`` at time ``t``.
+    """Return the lowest and highest frequency (rad/s) of section ``k``'s pieces at time ``t``.
 
-    The third result is the largest of the rates of the frequencies.
+    The third result is the largest rate of these frequencies (rad/s^2).
     """
     low = np.inf
     high = 0.0
@@ -330,7 +358,7 @@ def expand_load(load, times, k, t):
 
 @jit
 def evaluate_load(terms, omega, tau):
-    """Return the load whose terms are known at an offset (s) from the window's centre."""
+    """Return the load with the Taylor terms ``terms`` at an offset (s) from the window's centre."""
     c, s = cos_sin(omega * tau)
     x = 0.0
     y = 0.0
@@ -339,43 +367,6 @@ def evaluate_load(terms, omega, tau):
         x = x * tau + terms[0, n]
         y = y * tau + terms[1, n]
     return 2.0 * (x * c - y * s)
-
-
-class ForceWindow(NamedTuple):
-    """A segment of time with one expansion of the load.
-
-    ``centre`` and ``half`` length are in s, the frequency ``omega`` in rad/s, its rate ``alpha`` in
-    rad/s^2, and ``force_r`` and ``force_i`` are the force at the centre (N).
-
-    ``load``: other loads than the chirp of one force, whose terms it holds; the frequency is their
-    carrier, rate and force then say nothing.
-    """
-
-    centre: float
-    half: float
-    omega: float
-    alpha: float
-    force_r: float
-    force_i: float
-    load: LoadWorkspace | None = None
-
-
-class Schedule(NamedTuple):
-    """Breakpoints of the drive.
-
-    ``times`` are in s, circular frequencies ``omegas`` in rad/s and ``phases`` in rad, each (K,).
-    ``amplitude`` is the force amplitude (N) and ``reach`` the longest window (s).
-
-    ``load``: other loads than the chirp of one force, in a lane as a `loads.LoadWorkspace`; of the
-    rest only the times then say something.
-    """
-
-    times: Array
-    omegas: Array
-    phases: Array
-    amplitude: float
-    reach: float
-    load: LoadPieces | None
 
 
 @jit_allocating

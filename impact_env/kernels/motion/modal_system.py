@@ -53,37 +53,29 @@ DIGIT_BITS, FINEST_STEP, INVERSE_FINEST_STEP, LARGEST_RATE = range(4)
 class ModalSystem(NamedTuple):
     """One regime with J modal amplitudes, sorted by |s_j| and padded with empty ones.
 
-    It consists of few arrays, because each costs time at every call.
-
-    ``rows`` (ROWS, J), or (ROWS + 2 C, J) under C bases that move: S to BASE above. ``table``
-    (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (4,): log2 of the base, h3 (s), 1/h3,
-    largest |s|.
-
-    For the event search (search.py), which has L levels of time steps h_L: ``steps`` (L, 2) h_L in
-    s and the number of modal amplitudes to sum; ``waves`` (L, J, 2, POINTS) and ``turns`` (L,
-    POINTS, 2, J): exp(k s h_L), k = 1 ... POINTS, in two orders; ``errors`` (L, J): each modal
-    amplitude's share of the error bound E, over its magnitude.
+    It consists of few arrays, because each costs time at every call. ``steps`` to ``errors`` serve
+    the event search (search.py), which has L levels of time steps h_L.
     """
 
-    rows: NDArray[np.float64]
-    table: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    steps: NDArray[np.float64]
-    waves: NDArray[np.float64]
-    turns: NDArray[np.float64]
-    errors: NDArray[np.float64]
-
-
-@vector_code(NUMBER)
-def fma(code: Code, x: Number, y: Number, z: Number):
-    """Return x y + z, rounded once."""
-    return x.fma(y, z)
+    rows: NDArray[np.float64]  # (ROWS, J); (ROWS + 2 C, J) under C bases that move: S to BASE above
+    table: NDArray[np.float64]  # (2, 3, base, J) exp(s h), real and imaginary
+    scale: NDArray[np.float64]  # (4,) log2 of the base, h3 (s), 1/h3, largest |s|
+    steps: NDArray[np.float64]  # (L, 2) h_L (s), and the number of modal amplitudes to sum
+    waves: NDArray[np.float64]  # (L, J, 2, POINTS) exp(k s h_L), k = 1 ... POINTS
+    turns: NDArray[np.float64]  # (L, POINTS, 2, J) the same in another order
+    errors: NDArray[np.float64]  # (L, J) share of the error bound E, over an amplitude's magnitude
 
 
 MOST_QUARTER_TURNS = 2.0**62  # quarter turns that an integer holds
 _TWO_OVER_PI = 0.6366197723675814
 _HALF_PI_HEAD = 1.5707963267341256  # 33 bits, so that k * head is exact for the k that occur
 _HALF_PI_TAIL = 6.077100506506192e-11
+
+
+@vector_code(NUMBER)
+def fma(code: Code, x: Number, y: Number, z: Number):
+    """Return x y + z, rounded once."""
+    return x.fma(y, z)
 
 
 @jit_inline
@@ -187,6 +179,8 @@ def propagate_by_digits(
 
 
 def _sum(orders: int) -> Any:
+    """Return vector code for one sum over the modal amplitudes, or for four."""
+
     @vector_code(NUMBER, orders)
     def sums(
         code: Code,

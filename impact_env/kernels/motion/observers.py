@@ -24,56 +24,213 @@ from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, new_reco
 from impact_env.kernels.compiling.vector_code import Code, Index
 
 SAMPLE_BLOCK = 64
-# next sample, running sum of squares, largest |q| and its sample, running sums at the first and
-# last sample of the window, neighbours of the maximum, last |q|, whether the right neighbour is
-# due, bin of the envelope
+# state of a `LevelObserver`; q is the displacement (m)
 LEVEL_STATE = record_type(
-    next=INTEGER,
-    total=NUMBER,
-    largest=NUMBER,
-    at=INTEGER,
-    first_sum=NUMBER,
-    last_sum=NUMBER,
-    left=NUMBER,
-    right=NUMBER,
-    previous=NUMBER,
-    due=FLAG,
-    bin=INTEGER,
+    next=INTEGER,  # number of the next sample
+    total=NUMBER,  # running sum of q^2 (m^2)
+    largest=NUMBER,  # largest |q| so far (m)
+    at=INTEGER,  # its sample
+    first_sum=NUMBER,  # running sum at the first sample of the window
+    last_sum=NUMBER,  # running sum at the last sample of the window
+    left=NUMBER,  # |q| of the sample before the maximum (m)
+    right=NUMBER,  # |q| of the sample after the maximum (m)
+    previous=NUMBER,  # last |q| (m)
+    due=FLAG,  # whether the next sample is the one after the maximum
+    bin=INTEGER,  # bin of the envelope
 )
-LEVEL_OFF = 2**62  # number of the next sample of a level that is not computed
+LEVEL_OFF = 2**62  # `CLOCK.level` of a level that is not computed
 
 
 class EnvelopeObserver(NamedTuple):
-    """Smallest and largest displacement of each bin of a run.
+    """Smallest and largest displacement of each of B bins of a run; B = 0: not computed."""
 
-    ``low`` and ``high`` (B,) are in m, and NaN in a bin without a sample. With B = 0 they are not
-    computed.
-
-    ``ends`` (B,): number of the first sample after each bin.
-    """
-
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    ends: NDArray[np.int64]
+    low: NDArray[np.float64]  # (B,) m, NaN in a bin without a sample
+    high: NDArray[np.float64]  # (B,) m
+    ends: NDArray[np.int64]  # (B,) number of the first sample after each bin
 
 
 class LevelObserver(NamedTuple):
     """Windowed RMS around the maximum of a stream of samples (paper, Eqs. tmax and barqtip).
 
-    The memory does not grow with the run.
-
-    ``ring`` (W + 1,) holds the last running sums of q^2, W samples being half the window; ``state``
-    is a LEVEL_STATE record. ``block`` (any size) is where samples are computed before they are
-    pushed: sample n of a run goes to place n modulo its size, so the last ones can be read there.
-    ``place`` (N_m,): mode shape where the displacement is sampled, of size 0: at the absorber.
-    ``envelope``: extremes of the same samples.
+    The memory does not grow with the run. Sample n of a run goes to place n of ``block``, modulo
+    its size, so the last ones can be read there.
     """
 
-    ring: NDArray[np.float64]
-    state: Any
-    block: NDArray[np.float64]
-    place: NDArray[np.float64]
-    envelope: EnvelopeObserver
+    ring: NDArray[np.float64]  # (W + 1,) last running sums of q^2, W samples being half the window
+    state: Any  # a LEVEL_STATE record
+    block: NDArray[np.float64]  # where samples are computed, of any size
+    place: NDArray[np.float64]  # (N_m,) mode shape where q is sampled; of size 0: at the absorber
+    envelope: EnvelopeObserver  # extremes of the same samples
+
+
+# kinds of contact phase
+STUCK_INSIDE = 0
+HELD_LOWER = 1
+HELD_UPPER = 2
+# kinds of a miss of a search
+GUARD_PASSED = 0
+RATE_TURNED = 1
+JOINT_EXCEEDED = 2
+# status codes of all integration kernels
+DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS, TOO_MANY_EVALUATIONS, SEARCH_GAVE_UP, STOPPED = (
+    range(7)
+)
+JOINTS_UNSOLVED = 7  # no joint forces of several absorbers meet the contact laws
+STEP_TOO_LONG = 8  # for the tangent stiffness of a nonlinear spring
+ORDER_REFUSED = 9  # of a lane under control, which did nothing
+REGIME_FAILED = 10  # the regime of a set of joined absorbers could not be made
+
+# counters of a run: what has been done, and what may be used (`count_progress`)
+COUNTS = record_type(
+    impacts=INTEGER,  # impacts
+    stuck_time=NUMBER,  # time in joined phases (s)
+    steps=INTEGER,  # time steps, or segments between events
+    evaluations=INTEGER,  # evaluations of guard signals
+    events=INTEGER,  # events
+    reached=NUMBER,  # time reached (s); another thread reads it while the run goes on
+    stop=FLAG,  # order of another thread to end the run
+    most_events=NUMBER,  # events that may be used at once
+    events_per_s=NUMBER,  # further ones for each second that has passed
+    most_evaluations=NUMBER,  # evaluations that may be used at once
+    evaluations_per_s=NUMBER,  # further ones for each second that has passed
+    searched=INTEGER,  # evaluations before the current segment
+)
+# clock of the samples
+CLOCK = record_type(
+    level=INTEGER,  # next sample of the level; `LEVEL_OFF`: none is wanted
+    series=INTEGER,  # next sample of the series
+    first=INTEGER,  # first sample of the series
+    interval=NUMBER,  # time between two samples (s)
+)
+# an impact
+IMPACT_RECORD = record_type(
+    time=NUMBER,  # s
+    relative_velocity=NUMBER,  # before the impact, absorber minus beam (m/s)
+    impulse=NUMBER,  # on the absorber (N s)
+    loss=NUMBER,  # of energy (J)
+    absorber=INTEGER,  # number of the absorber
+)
+# a contact phase
+PHASE_RECORD = record_type(
+    start=NUMBER,  # s
+    end=NUMBER,  # s
+    kind=INTEGER,  # STUCK_INSIDE, HELD_LOWER or HELD_UPPER
+    absorber=INTEGER,  # number of the absorber
+)
+REVERSAL_RECORD = record_type(time=NUMBER, absorber=INTEGER)
+# used places of the lists of events
+LIST_COUNTS = record_type(
+    impacts=INTEGER,  # of `EventLists.impacts`
+    phases=INTEGER,  # of `EventLists.phases`
+    reversals=INTEGER,  # of `EventLists.reversals`
+    empty=INTEGER,  # address of the function that empties the lists
+)
+# energies of a run in J
+TOTALS = record_type(
+    work=NUMBER,  # of the loads
+    friction_loss=NUMBER,  # loss by friction
+    impact_loss=NUMBER,  # loss by impacts
+    absorber_damping=NUMBER,  # loss in the damper of a tuned absorber
+)
+CHECK_COUNTS = record_type(searches=INTEGER, misses=INTEGER)
+MISS_RECORD = record_type(time=NUMBER, kind=INTEGER, share=NUMBER)
+# an absorber's motion at the start of a segment
+ABSORBER_MOTION = record_type(
+    q=NUMBER,  # displacement (m)
+    v=NUMBER,  # velocity (m/s)
+    a=NUMBER,  # constant acceleration (m/s^2)
+    base_share=NUMBER,  # share of a free absorber's motion under a moving base to add: 1 or 0
+)
+FIRST_MISSES = 16  # misses that are listed
+
+
+class CheckObserver(NamedTuple):
+    """Result of checking the searches of the exact method (check.py)."""
+
+    counts: Any  # a CHECK_COUNTS record
+    # (3,) largest miss of each kind, as a share: depth beyond a guard, of the clearance (without
+    # one, of the signal's terms); rate of the wrong sign, of its terms; excess of the joint force,
+    # of its terms
+    worst: NDArray[np.float64]
+    first: NDArray[Any]  # (FIRST_MISSES,) MISS_RECORD records; of size 0: not checked
+
+
+class Counters(NamedTuple):
+    """Counters of a run.
+
+    ``counts`` is a COUNTS record. ``check`` is None in kernels without energies, which do not check
+    searches.
+    """
+
+    counts: Any
+    check: CheckObserver | None = None
+
+
+class EventLists(NamedTuple):
+    """Events at the contacts. A list of size 0 is not filled.
+
+    When a list is full, the function at the address ``counts.empty`` is called, which takes the
+    records out of all three lists and sets their numbers to 0.
+    """
+
+    impacts: NDArray[Any]  # (capacity,) IMPACT_RECORD records
+    phases: NDArray[Any]  # (capacity,) PHASE_RECORD records
+    counts: Any  # a LIST_COUNTS record
+    reversals: NDArray[Any]  # (capacity,) REVERSAL_RECORD records
+
+
+class StateSeries(NamedTuple):
+    """The states of a run, ``states`` (samples, 2 N_m + 2).
+
+    The columns are modal displacements, absorber displacement, modal velocities and absorber
+    velocity.
+
+    Without rows: not recorded. The first row is sample ``clock.first`` of the run.
+    """
+
+    states: NDArray[np.float64]
+
+
+@limit_inlining
+class EnergyTotals(NamedTuple):
+    """Terms of the energy balance in J.
+
+    ``totals`` (1,) is a TOTALS record: the work of the force and the losses by friction, by impacts
+    and in the tuned absorber's damper. ``modal`` (N_m,) is the loss in each mode. ``totals`` is an
+    array, because a kernel that returns records does not compile.
+    """
+
+    totals: NDArray[Any]
+    modal: NDArray[np.float64]
+
+
+class Observers(NamedTuple):
+    """All observers of a run; ``clock`` is a CLOCK record.
+
+    What is recorded is a value: lists and series of size 0 are not filled, so that one kernel
+    serves runs with any record. Only energies, and the check of searches, have a kernel of their
+    own: ``energy`` is None, or the `EnergyTotals` that the caller reads; between the segments of an
+    exact run it is the `energies.Account` that fills them. Lanes under control have no lists
+    and no series: None.
+    """
+
+    clock: Any
+    counters: Counters
+    level: LevelObserver | None = None
+    events: EventLists | None = None
+    series: StateSeries | None = None
+    energy: Any = None
+
+
+# Default limits of a run. Friction with 60 undamped modes can reverse a few thousand times a pseudo
+# period; the usual is below 100. A million events take some ten seconds. Events that pile up at one
+# time have no more than that, since the budget grows only with the time reached.
+FIRST_EVENTS = 1_000_000
+EVENTS_PER_PERIOD = 5_000
+EVALUATIONS_PER_EVENT = 40  # of the search, where ten are usual
+
+MOST_STALLED_EVENTS = 10_000  # events in a row without progress in time
+LONG_SEARCH_EVALUATIONS = 2_000_000  # evaluations after which a search gives up
 
 
 def new_envelope(ends: Sequence[int] | NDArray[np.int64] = ()) -> EnvelopeObserver:
@@ -173,9 +330,8 @@ def push_samples(level, first, count):
         total += q * q
         q = abs(q)
         ring[place] = total
-        place = (
-            place + 1 if place < width else 0
-        )  # now where the sum at n - width is: the first sample of the window
+        # now where the sum at n - width is: the first sample of the window
+        place = place + 1 if place < width else 0
         if due:
             state.right = q
             due = False
@@ -202,10 +358,8 @@ def push_samples(level, first, count):
 def compute_level(level):
     """Return (response level in m, sample of the maximum, largest |q| in m).
 
-    The sample of the maximum includes the fraction that a parabola gives.
-
-    The window is cut where the run starts or ends. The RMS is the mean of the samples after the
-    window's first.
+    The sample of the maximum includes the fraction that a parabola gives. The window is cut where
+    the run starts or ends. The RMS is the mean of the samples after the window's first.
     """
     ring = level.ring
     state = level.state
@@ -226,145 +380,6 @@ def compute_level(level):
         shift = 0.5 * (left - right) / bend
         peak -= 0.25 * (left - right) * shift
     return np.sqrt(max(mean, 0.0)), at + shift, peak
-
-
-# kinds of contact phase
-STUCK_INSIDE = 0
-HELD_LOWER = 1
-HELD_UPPER = 2
-# kinds of what a search can miss
-GUARD_PASSED = 0
-RATE_TURNED = 1
-JOINT_EXCEEDED = 2
-# status codes of all integration kernels
-DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS, TOO_MANY_EVALUATIONS, SEARCH_GAVE_UP, STOPPED = (
-    range(7)
-)
-JOINTS_UNSOLVED = 7  # no joint forces of several absorbers meet the contact laws
-STEP_TOO_LONG = 8  # for the stiffness of a nonlinear spring where it is
-ORDER_REFUSED = 9  # of a lane under control, which did nothing
-REGIME_FAILED = 10  # the regime of a set of joined absorbers could not be made
-
-# what has been done: impacts, time in joined phases (s), steps or segments between events,
-# evaluations, events, time reached (s), which another thread reads while the run goes on; ``stop``
-# is its order to end it. What may be used (`count_progress`): events and evaluations at once, and for each
-# second that has passed. Last, the evaluations before the segment under way.
-COUNTS = record_type(
-    impacts=INTEGER,
-    stuck_time=NUMBER,
-    steps=INTEGER,
-    evaluations=INTEGER,
-    events=INTEGER,
-    reached=NUMBER,
-    stop=FLAG,
-    most_events=NUMBER,
-    events_per_s=NUMBER,
-    most_evaluations=NUMBER,
-    evaluations_per_s=NUMBER,
-    searched=INTEGER,
-)
-# next sample of the level (`LEVEL_OFF`: none is wanted) and of the series, first sample of
-# the series, and the time between two (s)
-CLOCK = record_type(level=INTEGER, series=INTEGER, first=INTEGER, interval=NUMBER)
-IMPACT_RECORD = record_type(
-    time=NUMBER, relative_velocity=NUMBER, impulse=NUMBER, loss=NUMBER, absorber=INTEGER
-)
-PHASE_RECORD = record_type(start=NUMBER, end=NUMBER, kind=INTEGER, absorber=INTEGER)
-REVERSAL_RECORD = record_type(time=NUMBER, absorber=INTEGER)
-# used places of the lists of events, and the address of the function that empties them
-LIST_COUNTS = record_type(impacts=INTEGER, phases=INTEGER, reversals=INTEGER, empty=INTEGER)
-TOTALS = record_type(work=NUMBER, friction_loss=NUMBER, impact_loss=NUMBER, absorber_damping=NUMBER)
-CHECK_COUNTS = record_type(searches=INTEGER, misses=INTEGER)
-MISS_RECORD = record_type(time=NUMBER, kind=INTEGER, share=NUMBER)
-# an absorber's displacement, velocity and acceleration, and which share of the motion that a moving
-# base gives a free absorber comes on top of it: 1 or 0
-ABSORBER_MOTION = record_type(q=NUMBER, v=NUMBER, a=NUMBER, base_share=NUMBER)
-FIRST_MISSES = 16
-
-
-class CheckObserver(NamedTuple):
-    """Result of checking the exact method's searches (check.py).
-
-    ``counts``: a CHECK_COUNTS record. ``worst`` (3,): largest miss of each kind, as a share: depth
-    beyond a guard, of the clearance (of the signal's terms, if there is none); rate of the wrong
-    sign, of its terms; excess of the joint force, of its terms. ``first`` (FIRST_MISSES,):
-    MISS_RECORD records of the first misses; of size 0: searches are not checked.
-    """
-
-    counts: Any
-    worst: NDArray[np.float64]
-    first: NDArray[Any]
-
-
-class Counters(NamedTuple):
-    """Counters of a run.
-
-    ``counts`` is a COUNTS record. ``check`` is None in kernels without energies, which do not check
-    searches.
-    """
-
-    counts: Any
-    check: CheckObserver | None = None
-
-
-class EventLists(NamedTuple):
-    """Events at the contacts.
-
-    ``impacts``, ``phases`` and ``reversals`` (capacity,) are IMPACT_RECORD, PHASE_RECORD and
-    REVERSAL_RECORD records.
-
-    Of size 0: not listed. ``counts``, a LIST_COUNTS record: when a list is full, the function at
-    its address ``empty`` is called, which takes the records out of all three lists and sets their
-    numbers to 0.
-    """
-
-    impacts: NDArray[Any]
-    phases: NDArray[Any]
-    counts: Any
-    reversals: NDArray[Any]
-
-
-class StateSeries(NamedTuple):
-    """The states of a run, ``states`` (samples, 2 N_m + 2).
-
-    The columns are modal displacements, absorber displacement, modal velocities and absorber
-    velocity.
-
-    Without rows: not recorded. The first row is sample ``clock.first`` of the run.
-    """
-
-    states: NDArray[np.float64]
-
-
-@limit_inlining
-class EnergyTotals(NamedTuple):
-    """Terms of the energy balance in J.
-
-    ``totals`` (1,) is a TOTALS record: the work of the force and the losses by friction, by impacts
-    and in the tuned absorber's damper. ``modal`` (N_m,) is the loss in each mode. ``totals`` is an
-    array, because a kernel that returns records does not compile.
-    """
-
-    totals: NDArray[Any]
-    modal: NDArray[np.float64]
-
-
-class Observers(NamedTuple):
-    """All observers of a run; ``clock`` is a CLOCK record.
-
-    What is recorded is a value: lists and series of size 0 are not filled, so that one kernel
-    serves runs with any record. Only energies, and the check of searches, have a kernel of their
-    own: ``energy`` is None, or the `EnergyTotals` that the caller reads; between the segments of an
-    exact run it is the `energies.Account` that fills them. Lanes under control have no lists
-    and no series: None.
-    """
-
-    clock: Any
-    counters: Counters
-    level: LevelObserver | None = None
-    events: EventLists | None = None
-    series: StateSeries | None = None
-    energy: Any = None
 
 
 def new_counters(
@@ -433,8 +448,8 @@ def call_function(code: Code, address: Index):
 
 
 @jit
-def next_list_index(listed, used, counts):
-    """Return the index of a list's next record, of which ``used`` are filled.
+def find_list_index(listed, used, counts):
+    """Return the index of the next record of a list with ``used`` filled records.
 
     A full list is emptied first. The result is -1 if the list has no capacity.
     """
@@ -452,7 +467,7 @@ def push_impact(events, time, relative_velocity, impulse, loss, absorber):
     if events is None:
         return
     counts = events.counts
-    k = next_list_index(events.impacts, counts.impacts, counts)
+    k = find_list_index(events.impacts, counts.impacts, counts)
     if k < 0:
         return
     row = events.impacts[k]
@@ -470,7 +485,7 @@ def push_phase(events, start, end, kind, absorber):
     if events is None:
         return
     counts = events.counts
-    k = next_list_index(events.phases, counts.phases, counts)
+    k = find_list_index(events.phases, counts.phases, counts)
     if k < 0:
         return
     row = events.phases[k]
@@ -483,14 +498,14 @@ def push_phase(events, start, end, kind, absorber):
 
 @jit
 def push_reversal(events, time, absorber):
-    """Append a time (s) at which an absorber has no relative velocity, if such times are listed.
+    """Append a reversal, a time (s) without relative velocity of an absorber, if they are listed.
 
-    At this time friction may change its direction. ``absorber`` is the absorber's number.
+    ``absorber`` is the absorber's number.
     """
     if events is None:
         return
     counts = events.counts
-    k = next_list_index(events.reversals, counts.reversals, counts)
+    k = find_list_index(events.reversals, counts.reversals, counts)
     if k < 0:
         return
     row = events.reversals[k]
@@ -499,23 +514,11 @@ def push_reversal(events, time, absorber):
     counts.reversals = k + 1
 
 
-# Default limits of a run. Friction with 60 undamped modes can turn a few thousand
-# times a pseudo period; the usual is below 100. A million events take some ten seconds, and events
-# that pile up at one time have no more than that, since the budget grows only with the time
-# reached.
-FIRST_EVENTS = 1_000_000
-EVENTS_PER_PERIOD = 5_000
-EVALUATIONS_PER_EVENT = 40  # of the search, where ten are usual
-
-MOST_STALLED_EVENTS = 10_000  # events in a row without progress in time
-LONG_SEARCH_EVALUATIONS = 2_000_000  # evaluations after which a search gives up
-
-
 @jit_inline
 def limit_searches(memory, counters):
     """Limit the evaluations of each search to those that the run may use.
 
-    ``memory`` is that of `signals.Signal`.
+    ``memory`` (2,): `signals.Signal.memory`.
     """
     memory[1] = min(memory[1], counters.counts.most_evaluations)
 

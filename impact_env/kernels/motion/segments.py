@@ -19,17 +19,14 @@ from impact_env.kernels.motion.forced import (
     TIP_SIGNAL,
     Forced,
     add_forced,
-    base_motion,
     coefficient_index,
+    compute_base_motion,
     evaluate_signal,
     solve_forced,
     sum_amplitudes_of_state,
     sum_state,
 )
-from impact_env.kernels.motion.loads import (
-    TERMS,
-    ForceWindow,
-)
+from impact_env.kernels.motion.loads import TERMS, ForceWindow
 from impact_env.kernels.motion.modal_system import (
     REST,
     TIP,
@@ -48,6 +45,65 @@ from impact_env.kernels.motion.unit_loads import combine_unit_responses
 
 MOST_SINGLE_SAMPLES = 3  # samples up to which each is evaluated for itself
 SAMPLES_AT_ONCE = 8  # samples that are computed at once
+
+
+class SampleTimes(NamedTuple):
+    """Equidistant samples, and their place in a block."""
+
+    offset: float  # of the first one from the start of a segment (s)
+    x: float  # of the first one from its window's centre (s)
+    interval: float  # between two (s)
+    first: int  # place of the first one in the block
+    number: int  # of samples
+
+
+Array = NDArray[np.float64]
+SAMPLE_TIME_TOL = 1e-12  # of the sampling interval
+
+
+class LinearRegime(NamedTuple):
+    """A modal system with its maps to and from the state.
+
+    The state has modal displacements, displacement of the absorber, modal velocities, velocity of
+    the absorber; with several absorbers as many places for them. The maps have real and imaginary
+    parts: state = Re(out Z), Z = into^T state.
+    """
+
+    system: ModalSystem  # of the modal amplitudes Z (J,)
+    out: Array  # (2, 2 N_m + 2, J)
+    into: Array  # (2, 2 N_m + 2, J)
+    tip_rest: float  # displacement of the tip under a unit constant relative force (m/N)
+
+
+class Losses(NamedTuple):
+    """Data for the energy balance."""
+
+    force_shape: Array  # (N_m,)
+    tip_shape: Array  # (N_m,)
+    rate: Array  # (N_m,) 2 D omega (1/s)
+    damper: float  # of the tuned absorber (N s/m)
+
+
+class Buffers(NamedTuple):
+    """Scratch memory of a run with J modal amplitudes."""
+
+    z: Array  # (2, J) free part of the amplitudes
+    u: Array  # (2, J) amplitudes of a signal
+    rows: Array  # (2, 2, J) for the observers
+
+
+class Segment(NamedTuple):
+    """A smooth piece of motion without events, for the observers."""
+
+    regime: LinearRegime  # of the segment
+    forced: Forced  # forced response in its window
+    window: ForceWindow  # whose centre is the origin of tau and end
+    buffers: Buffers  # ``z`` is the free part at tau
+    constant: float  # constant relative force, in units of the regime's rest part
+    deflection: float  # of the tip under this force (m)
+    motion: NDArray[Any]  # (n,) ABSORBER_MOTION records, added to the state for each absorber
+    tau: float  # start (s)
+    end: float  # s
 
 
 def _compute_powers(factor: Complex, one: Complex) -> list[Complex]:
@@ -105,7 +161,7 @@ def _fill_forced_part(
     ``turn_s`` from sample to sample.
     """
     one = Complex(code.repeated(1.0, 0), code.repeated(0.0, 0))
-    *powers, leap = _compute_powers(Complex(turn_c, turn_s), one)
+    *powers, block_factor = _compute_powers(Complex(turn_c, turn_s), one)
     turn = Complex(code.gather([p.real for p in powers]), code.gather([p.imag for p in powers]))
     phasor = [code.variable(part) for part in (c, s)]
     steps = code.constant(range(SAMPLES_AT_ONCE))
@@ -133,7 +189,7 @@ def _fill_forced_part(
             parts.append(total)
         values = Complex(*parts).real_of_product(here) + code.spread(rest, SAMPLES_AT_ONCE)
         _put_in_block(code, values.elements(), block, first + k, count - k, True)
-        for place, moved in zip(phasor, current.times(leap), strict=True):
+        for place, moved in zip(phasor, current.times(block_factor), strict=True):
             place.value = moved
 
 
@@ -168,7 +224,7 @@ def _add_amplitudes(
     )
     for j in code.vectors(size):
         amplitude = start.turned(u, j)
-        *powers, leap = _compute_powers(
+        *powers, block_factor = _compute_powers(
             step.factor(j), Complex(code.repeated(1.0), code.repeated(0.0))
         )
         turning = [code.variable(part) for part in amplitude]
@@ -176,32 +232,17 @@ def _add_amplitudes(
             current = Complex(*(part.value for part in turning))
             sums = [current.real_of_product(power).total() for power in powers]
             _put_in_block(code, sums, block, first + k, count - k, False)
-            for place, moved in zip(turning, current.times(leap), strict=True):
+            for place, moved in zip(turning, current.times(block_factor), strict=True):
                 place.value = moved
-
-
-class SampleTimes(NamedTuple):
-    """``number`` equidistant samples, and the place ``first`` in a block that takes them.
-
-    The first one lies ``offset`` (s) from the start of a segment and ``x`` (s) from its window's
-    centre, the next ones an ``interval`` (s) apart.
-    """
-
-    offset: float
-    x: float
-    interval: float
-    first: int
-    number: int
 
 
 @jit
 def fill_samples(system, signals, omega, u, rest, samples, block):
     """Write the tip displacement at `SampleTimes` into the block.
 
-    ``u``: the modal amplitudes' shares at the segment's start; ``rest`` (m): the constant part.
-
-    From sample to sample modal amplitudes and force turn by fixed factors; what rounding adds to
-    that stays below 1e-16 times their number.
+    ``u`` (2, J): the modal amplitudes' shares at the segment's start; ``rest`` (m): the constant
+    part. From sample to sample modal amplitudes and force turn by fixed factors, whose rounding
+    stays below 1e-16 times their number.
     """
     rows = system.rows
     table = system.table
@@ -245,77 +286,10 @@ def fill_samples(system, signals, omega, u, rest, samples, block):
     )
 
 
-Array = NDArray[np.float64]
-SAMPLE_TIME_TOL = 1e-12  # of the sampling interval
-
-
-class LinearRegime(NamedTuple):
-    """A modal system with its maps to and from the state.
-
-    The state consists of modal displacements, absorber displacement, modal velocities and absorber
-    velocity.
-
-    With several absorbers the state has as many places for them. ``out`` (2, 2 N_m + 2, J), real
-    and imaginary: state = Re(out Z); ``into`` (2, 2 N_m + 2, J), transposed: Z = into^T state;
-    ``tip_rest`` (m/N): tip displacement under a unit constant relative force.
-    """
-
-    system: ModalSystem
-    out: Array
-    into: Array
-    tip_rest: float
-
-
-class Losses(NamedTuple):
-    """Data for the energy balance.
-
-    They are force shape, tip shape and 2 D omega, each (N_m,), and the tuned absorber's damper (N
-    s/m).
-    """
-
-    force_shape: Array
-    tip_shape: Array
-    rate: Array
-    damper: float
-
-
-class Buffers(NamedTuple):
-    """Scratch memory of a run.
-
-    It contains the free part z of the amplitudes and the signal of the samples u, each (2, J), and
-    rows (2, 2, J) for the observers.
-    """
-
-    z: Array
-    u: Array
-    rows: Array
-
-
 @jit_allocating
 def new_buffers(size):
     """Return scratch memory for regimes of ``size`` amplitudes."""
     return Buffers(np.zeros((2, size)), np.zeros((2, size)), np.zeros((2, 2, size)))
-
-
-class Segment(NamedTuple):
-    """A smooth piece of motion without events, for the observers.
-
-    It extends from ``tau`` to ``end`` (s from the window's centre).
-
-    ``buffers.z`` is the free part at tau, ``constant`` the constant relative force (in units of
-    the regime's rest part), ``deflection`` its displacement of the tip (m). ``motion`` (n,):
-    ABSORBER_MOTION records, to be added for each absorber to the state of the regime's map.
-    """
-
-    regime: LinearRegime
-    forced: Forced
-    window: ForceWindow
-    buffers: Buffers
-    constant: float
-    deflection: float
-    motion: NDArray[Any]
-    tau: float
-    end: float
 
 
 @jit
@@ -341,9 +315,9 @@ def count_samples_before(end, interval):
 
 @jit_inline
 def sample_level(segment, clock, level):
-    """Add the displacement at the samples in [tau, end) to the level.
+    """Add the displacement at the samples in [tau, end) of a segment to the level.
 
-    It is the displacement at the absorber's place, or at the level's ``place`` if this is given.
+    The place is the tip, or the level's ``place`` if this is given.
     """
     if level is None:
         return
@@ -377,7 +351,7 @@ def sample_level(segment, clock, level):
 
 @jit_inline
 def is_observed(window, clock, level, series, energy):
-    """Return whether anything is observed in a window."""
+    """Return whether an observer needs the motion within a window."""
     if energy is not None:
         return True
     if series is not None:
@@ -411,9 +385,9 @@ def sample_place(segment, place, samples, block):
 
 @jit
 def compute_state_at(segment, z, tau, offset, w, state):
-    """Write the state at tau + offset, computed from the free part z at tau.
+    """Write the state of the regime's map at tau + offset, from the free part z at tau.
 
-    Both times are within the segment. w is scratch.
+    Both times are within the segment. w (2, J) is scratch.
     """
     system = segment.regime.system
     copy_amplitudes(z, w)
@@ -425,7 +399,7 @@ def compute_state_at(segment, z, tau, offset, w, state):
 
 @jit_inline
 def sample_state(segment, clock, series):
-    """Write the state at the samples in [tau, end), if states are recorded."""
+    """Write the state at the samples in [tau, end) of a segment, if states are recorded."""
     if series is None:
         return
     if series.states.shape[0] > 0:
@@ -434,6 +408,7 @@ def sample_state(segment, clock, series):
 
 @jit
 def _write_states(segment, clock, series):
+    """Write the state at the samples in [tau, end) of a segment."""
     window = segment.window
     tau = segment.tau
     end = segment.end
@@ -450,9 +425,9 @@ def _write_states(segment, clock, series):
         row = series.states[n - clock.first]
         compute_state_at(segment, buffers.z, tau, t, buffers.rows[0], row)
         for a in range(absorbers):
-            own = motion[a]
-            row[half - absorbers + a] += own.q + t * (own.v + 0.5 * t * own.a)
-            row[2 * half - absorbers + a] += own.v + t * own.a
+            absorber = motion[a]
+            row[half - absorbers + a] += absorber.q + t * (absorber.v + 0.5 * t * absorber.a)
+            row[2 * half - absorbers + a] += absorber.v + t * absorber.a
         add_base_motion_to_state(segment, tau + t, row)
         n += 1
         x = n * interval - window.centre
@@ -461,13 +436,10 @@ def _write_states(segment, clock, series):
 
 @jit_inline
 def add_base_motion_to_state(segment, tau, state):
-    """Add the motion that the base gives free absorbers to a state.
-
-    Nothing is added if the base is at rest.
-    """
+    """Add the motion that a moving base gives free absorbers to a state."""
     load = segment.window.load
     if load is not None:
-        q, v = base_motion(load, segment.forced.signals, segment.window.omega, tau)
+        q, v = compute_base_motion(load, segment.forced.signals, segment.window.omega, tau)
         motion = segment.motion
         n = motion.shape[0]
         half = state.shape[0] // 2
@@ -489,13 +461,13 @@ def take_last_sample(state, tip_shape, end, clock, level, series):
     if level is not None:
         if abs(clock.level * interval - end) < 1e-6 * interval:
             if level.place.shape[0] == 0:
-                push_sample(level, displacement_at(tip_shape, state))
+                push_sample(level, compute_displacement(tip_shape, state))
             else:
-                push_sample(level, displacement_at(level.place, state))
+                push_sample(level, compute_displacement(level.place, state))
 
 
 @jit
-def displacement_at(shape, state):
+def compute_displacement(shape, state):
     """Return the displacement (m) of the place of a mode shape (N_m,)."""
     q = 0.0
     for i in range(shape.shape[0]):

@@ -1,11 +1,13 @@
-"""Loads that are straight lines in a window, such as samples with lines between them.
+"""The forced response to loads that are straight lines in a window, such as sampled records.
 
-Their response is a sum of four known responses.
+A window of a record is as short as its step, and nothing rotates in it. So the forced part of a
+regime is linear in two numbers, value and slope of the force, and two more of each base that moves.
+It is solved once for each of these numbers alone (`UnitResponses`); in a window it is the sum of
+these unit responses with the numbers as factors, and its bounds add up. Each force at a further
+place has two numbers more, like a base.
 
-A window of a record is as short as its step, and nothing turns in it. So the forced part of a
-regime is linear in two numbers, value and slope of the force, and two more of a base that moves: it
-is solved once for each of these alone (`UnitResponses`), and a window takes its shares of them.
-Bounds add up. Each force at a further place has two numbers more, like a base.
+In: a load whose ``linear`` is set, a regime's system, a window. Out: `forced.Forced` as
+`forced.solve_forced` fills it, or the modal amplitudes after the window in one step.
 """
 
 from __future__ import annotations
@@ -20,16 +22,17 @@ from impact_env.kernels.motion.forced import compute_force_terms, solve_forced, 
 from impact_env.kernels.motion.loads import EQUAL_LENGTH_TOL, TERMS, ForceWindow
 from impact_env.kernels.motion.modal_system import BASE, DRIVE, S, copy_amplitudes, propagate
 
-WINDOW_SLACK = (
-    1.001  # times the half window are `Units` made for: steps of a record differ by rounding
-)
+# times the half window are unit responses solved for: steps of a record differ by rounding
+WINDOW_SLACK = 1.001
 EQUAL_STEP_TOL = 1e-9  # of a window: its square is below rounding
-# of the half window that they were made for: below that it is judged anew which modal amplitudes
-# are driven at their own frequency
+# of the half window that unit responses were solved for: in shorter ones other modal amplitudes may
+# be near resonance, so they are solved again
 SHORTEST_WINDOW_SHARE = 0.5
 
 
 def _combination_code(count: int) -> Any:
+    """Return vector code for the sum of ``count`` unit responses."""
+
     @vector_code()
     def combine(code: Code, size: Index, again: Index, shares, units, out):
         """Write the sum of shares[n] units[n], ``size`` numbers each, to ``out``.
@@ -102,23 +105,26 @@ def _set_unit_term(base, terms, n, value):
 
 
 def _add_scaled(factor: Number, term: Complex, total: Complex) -> Complex:
+    """Return factor * term + total."""
     return Complex(factor.fma(term.real, total.real), factor.fma(term.imag, total.imag))
 
 
 def _step_map_code(count: int) -> Any:
+    """Return vector code that applies the step map of ``count`` unit loads to z (2, J)."""
+
     @vector_code()
-    def apply(code: Code, rows, size: Index, leap, shares, half: Number, late: Number, z):
+    def apply(code: Code, rows, size: Index, step_map, shares, half: Number, remainder: Number, z):
         numbers = [code.number(shares, n) for n in range(count)]
         ends = [
             (value + slope * half) * code.repeated(2.0, 0)
             for value, slope in zip(numbers[::2], numbers[1::2], strict=True)
         ]
         for j in code.vectors(size):
-            total = code.complex(z, j, j + size).times(code.complex(leap, j, j + size))
+            total = code.complex(z, j, j + size).times(code.complex(step_map, j, j + size))
             for n, share in enumerate(numbers, 1):
                 total = _add_scaled(
                     code.spread(share),
-                    code.complex(leap, size * (2 * n) + j, size * (2 * n + 1) + j),
+                    code.complex(step_map, size * (2 * n) + j, size * (2 * n + 1) + j),
                     total,
                 )
             rate = total.times(code.complex(rows, size * S + j, size * (S + 1) + j))
@@ -128,7 +134,7 @@ def _step_map_code(count: int) -> Any:
                     code.complex(rows, size * row + j, size * (row + 1) + j),
                     rate,
                 )
-            code.store_complex(_add_scaled(code.spread(late), rate, total), z, j, j + size)
+            code.store_complex(_add_scaled(code.spread(remainder), rate, total), z, j, j + size)
 
     return apply
 
@@ -138,7 +144,15 @@ _step_of_force, _step_of_force_and_base = map(_step_map_code, (2, 4))
 
 @vector_code()
 def _step_of_all(
-    code: Code, rows, size: Index, leap, count: Index, shares, half: Number, late: Number, z
+    code: Code,
+    rows,
+    size: Index,
+    step_map,
+    count: Index,
+    shares,
+    half: Number,
+    remainder: Number,
+    z,
 ):
     """Apply the step map of ``count`` unit loads as the functions of `_step_map_code` do.
 
@@ -146,7 +160,7 @@ def _step_of_all(
     """
     two = code.repeated(2.0, 0)
     for j in code.vectors(size):
-        first = code.complex(z, j, j + size).times(code.complex(leap, j, j + size))
+        first = code.complex(z, j, j + size).times(code.complex(step_map, j, j + size))
         real = code.sum(code.lanes)
         imag = code.sum(code.lanes)
         real += first.real
@@ -154,8 +168,8 @@ def _step_of_all(
         for n in code.loop(count):
             share = code.spread(code.number(shares, n))
             at = size * (n * 2 + 2) + j
-            real.add_product(share, code.vector(leap, at))
-            imag.add_product(share, code.vector(leap, at + size))
+            real.add_product(share, code.vector(step_map, at))
+            imag.add_product(share, code.vector(step_map, at + size))
         total = Complex(real.number(), imag.number())
         rate = total.times(code.complex(rows, size * S + j, size * (S + 1) + j))
         end = code.spread((code.number(shares, 0) + code.number(shares, 1) * half) * two)
@@ -170,33 +184,31 @@ def _step_of_all(
             real.add_product(end, code.vector(rows, at))
             imag.add_product(end, code.vector(rows, at + size))
         rate = Complex(real.number(), imag.number())
-        code.store_complex(_add_scaled(code.spread(late), rate, total), z, j, j + size)
+        code.store_complex(_add_scaled(code.spread(remainder), rate, total), z, j, j + size)
 
 
 @jit_inline
-def _apply_step_map(base, rows, size, leap, shares, half, late, z):
-    """Propagate complete amplitudes by one step of a sampled load.
+def _apply_step_map(base, rows, size, step_map, shares, half, remainder, z):
+    """Propagate complete amplitudes by one step of a sampled load, and by ``remainder`` (s) more.
 
-    They are then propagated by ``late`` (s) more, to first order.
-
-    ``late`` is small enough for a first-order step. ``half`` (s): from the window's centre to its
+    The latter is so short that first order suffices. ``half`` (s): from the window's centre to its
     end, where the rate is taken.
     """
     if not base.moves:
-        _step_of_force(rows, size, leap, shares, half, late, z)
+        _step_of_force(rows, size, step_map, shares, half, remainder, z)
     elif base.terms.shape[0] == 1:
-        _step_of_force_and_base(rows, size, leap, shares, half, late, z)
+        _step_of_force_and_base(rows, size, step_map, shares, half, remainder, z)
     else:
-        _step_of_all(rows, size, leap, shares.shape[0], shares, half, late, z)
+        _step_of_all(rows, size, step_map, shares.shape[0], shares, half, remainder, z)
 
 
 @jit
 def _compute_step_column(system, units, n, half, w):
-    """Fill the column of the step map for unit load ``n``.
+    """Fill the column of the step map for unit load ``n``, from the response at the window's ends.
 
-    It follows from the forced response at the window's ends. w (2, J) is scratch.
+    w (2, J) is scratch.
     """
-    leap = units.step_map
+    step_map = units.step_map
     size = w.shape[1]
     for side in range(2):
         w[:] = 0.0
@@ -211,7 +223,9 @@ def _compute_step_column(system, units, n, half, w):
             propagate(system.rows, system.table, system.scale, 2.0 * half, w)
         for j in range(size):
             for part in range(2):
-                leap[n + 1, part, j] = w[part, j] - (leap[n + 1, part, j] if side == 1 else 0.0)
+                step_map[n + 1, part, j] = w[part, j] - (
+                    step_map[n + 1, part, j] if side == 1 else 0.0
+                )
 
 
 @jit
@@ -260,7 +274,7 @@ def propagate_sampled_load(load, system, window, forced, w, z):
 def _solve_unit_responses(load, system, window, absorber_mass, guarded, forced):
     """Solve the `UnitResponses` of a regime for windows of this length.
 
-    ``guarded`` says whether the guard signal is needed.
+    ``guarded``: with the guard signal.
     """
     units = forced.unit_responses
     half = WINDOW_SLACK * window.half

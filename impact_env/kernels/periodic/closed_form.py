@@ -15,17 +15,21 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_env.kernels.compiling.jit import jit, jit_inline
-from impact_env.kernels.periodic.structure import at_frequency, divide_complex, receptance
+from impact_env.kernels.periodic.structure import (
+    compute_receptance,
+    divide_complex,
+    replace_frequency,
+)
 
 
 class SymmetricLine(NamedTuple):
-    """a, b (m/(N s)), a0, b0 (m), and H (m/N)."""
+    """Numbers of the conditions at the impact of a symmetric orbit."""
 
-    a: float
-    b: float
-    a0: float
-    b0: float
-    receptance: complex
+    a: float  # m/(N s)
+    b: float  # m/(N s)
+    a0: float  # m
+    b0: float  # m
+    receptance: complex  # H (m/N)
 
 
 @jit_inline
@@ -60,7 +64,7 @@ def compute_line(structure, point):
     limit = point.limit
     omega = point.omega
     kappa = compute_kappa(point.restitution, structure.compliance)
-    h, _ = receptance(structure, omega)
+    h, _ = compute_receptance(structure, omega)
     return SymmetricLine(
         k, (k_rate + kappa) / omega, limit * s_value + point.gap, limit * s_rate / omega, h
     )
@@ -72,15 +76,15 @@ def solve_impulses(line, force):
 
     Both are nan if the quadratic has no real root.
     """
-    two = line.a * line.a + line.b * line.b
-    one = line.a * line.a0 + line.b * line.b0
+    quadratic = line.a * line.a + line.b * line.b  # coefficients of the quadratic in P
+    linear = line.a * line.a0 + line.b * line.b0
     reach = force * abs(line.receptance)
-    cross = line.a * line.b0 - line.b * line.a0  # one^2 - two c without its cancellation
-    inside = two * reach * reach - cross * cross
-    if inside < 0.0 or two == 0.0:
+    cross = line.a * line.b0 - line.b * line.a0  # linear^2 - quadratic c without its cancellation
+    discriminant = quadratic * reach * reach - cross * cross
+    if discriminant < 0.0 or quadratic == 0.0:
         return np.nan, np.nan
-    root = np.sqrt(inside)
-    return (-one - root) / two, (-one + root) / two
+    root = np.sqrt(discriminant)
+    return (-linear - root) / quadratic, (-linear + root) / quadratic
 
 
 @jit
@@ -100,19 +104,20 @@ def compute_fold(line):
 
     The force is the line's distance from the origin over |H|.
     """
-    two = line.a * line.a + line.b * line.b
+    square = line.a * line.a + line.b * line.b
     cross = abs(line.a * line.b0 - line.b * line.a0)
-    return cross / np.sqrt(two) / abs(line.receptance), -(line.a * line.a0 + line.b * line.b0) / two
+    impulse = -(line.a * line.a0 + line.b * line.b0) / square
+    return cross / np.sqrt(square) / abs(line.receptance), impulse
 
 
 @jit
-def closed_forms(structure, point, omegas, out):
+def fill_closed_forms(structure, point, omegas, out):
     """Write impulse and phase of both branches (M, 4) at frequencies (M,) in rad/s.
 
     The columns are the small P and its phase, the large P and its phase.
     """
     for m in range(omegas.shape[0]):
-        line = compute_line(structure, at_frequency(point, omegas[m]))
+        line = compute_line(structure, replace_frequency(point, omegas[m]))
         small, large = solve_impulses(line, point.force)
         out[m, 0] = small
         out[m, 2] = large
@@ -121,7 +126,9 @@ def closed_forms(structure, point, omegas, out):
 
 
 @jit
-def fold_forces(structure, point, omegas, out):
+def fill_fold_forces(structure, point, omegas, out):
     """Write fold force (N) and impulse at the fold (N s), (M, 2), at frequencies (M,) in rad/s."""
     for m in range(omegas.shape[0]):
-        out[m, 0], out[m, 1] = compute_fold(compute_line(structure, at_frequency(point, omegas[m])))
+        out[m, 0], out[m, 1] = compute_fold(
+            compute_line(structure, replace_frequency(point, omegas[m]))
+        )

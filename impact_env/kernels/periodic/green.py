@@ -25,46 +25,43 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
 from impact_env.kernels.periodic.closed_form import compute_kappa
-from impact_env.kernels.periodic.structure import divide_complex, receptance
+from impact_env.kernels.periodic.structure import compute_receptance, divide_complex
 
 # columns of the Jacobian behind those of the unknowns
 OMEGA, FORCE, GAP, RESTITUTION, LIMIT = range(5)
 
 
 class OrbitEquations(NamedTuple):
-    """The scaled conditions (m,) and their derivatives (m, m + 5).
+    """The scaled conditions for m unknowns, and their derivatives."""
 
-    The derivatives are those by the unknowns, then by omega, force, gap, restitution and friction
-    limit.
-    """
-
-    residual: NDArray[np.float64]
-    jacobian: NDArray[np.float64]
+    residual: NDArray[np.float64]  # (m,)
+    jacobian: NDArray[np.float64]  # (m, m + 5) by the unknowns, then OMEGA to LIMIT
 
 
 class OrbitWorkspace(NamedTuple):
-    """Scratch memory for n events, m unknowns and J exponentials.
+    """Scratch memory for n events, m unknowns and J exponentials."""
 
-    ``steps`` (n, J): exp(s dt) from the event before; ``running``, ``first``, ``mean``,
-    ``mean_slope``, ``span_derivative`` (J,): exponentials of the periodic kernel at an event, just
-    after its impulse, at it (mean of both sides), and their derivatives by the span;
-    ``impulse_index`` (n,): index of an event's impulse among the unknowns, -1 for a reversal;
-    ``jump`` (n,): change of the friction force over muN; ``friction_response`` (n, 2):
-    displacement and rate by friction over muN; ``by_time`` (n, 2): their derivatives by the
-    event's own time; ``by_span`` (n, 2): by omega with all phases kept, without the forced part.
-    """
-
-    steps: NDArray[np.complex128]
-    running: NDArray[np.complex128]
-    first: NDArray[np.complex128]
-    mean: NDArray[np.complex128]
-    mean_slope: NDArray[np.complex128]
+    steps: NDArray[np.complex128]  # (n, J) exp(s dt) from the event before
+    running: NDArray[np.complex128]  # (J,) exponentials of the periodic kernel at an event
+    first: NDArray[np.complex128]  # (J,) just after its impulse
+    mean: NDArray[np.complex128]  # (J,) at it: mean of both sides
+    mean_slope: NDArray[np.complex128]  # (J,) derivative of ``mean`` by the span
+    # (J,) factor of the derivative of the others by the span
     span_derivative: NDArray[np.complex128]
+    # (n,) index of an event's impulse among the unknowns, -1: a reversal
     impulse_index: NDArray[np.int64]
-    jump: NDArray[np.float64]
-    friction_response: NDArray[np.float64]
-    by_time: NDArray[np.float64]
-    by_span: NDArray[np.float64]
+    jump: NDArray[np.float64]  # (n,) change of the friction force over muN
+    friction_response: NDArray[np.float64]  # (n, 2) displacement and rate by friction over muN
+    by_time: NDArray[np.float64]  # (n, 2) their derivatives by the event's own time
+    by_span: NDArray[np.float64]  # (n, 2) by omega with all phases kept, without the forced part
+
+
+CONVERGED, NOT_CONVERGED, ORDER_LOST, SINGULAR = range(4)
+MOST_STEPS = 30
+RESIDUAL_TOL = 1e-13  # of the units: a residual below this is rounding
+STALLED_RESIDUAL_TOL = 1e-9  # a residual below this that no longer falls is rounding as well
+LEAST_INTERVAL_SHARE = 0.2  # share of the time between two events that one step leaves at least
+LEAST_PHASE_INTERVAL = 1e-9  # rad between events, below which their order is lost
 
 
 @jit_allocating
@@ -199,7 +196,7 @@ def fill_own_rows(structure, point, order, z, scale, workspace, system):
     n = order.wall.shape[0]
     omega = point.omega
     span = order.turn / omega
-    h, h_slope = receptance(structure, omega)
+    h, h_slope = compute_receptance(structure, omega)
     g0, g1, g2, d0, d1, d2 = sum_own_kernels(structure, workspace, span, order.mirror)
     kappa = compute_kappa(point.restitution, structure.compliance)
     kappa_slope = -structure.compliance / ((1.0 + point.restitution) * (1.0 + point.restitution))
@@ -320,17 +317,17 @@ def fill_momentum_row(structure, point, order, z, scale, workspace, system):
     if order.mirror < 0.0:
         return
     total = 0.0
-    rub = 0.0
+    friction = 0.0
     for i in range(n):
         after = z[i + 1] if i + 1 < n else z[0] + order.turn
-        rub -= order.sign[i] * (after - z[i]) / point.omega
+        friction -= order.sign[i] * (after - z[i]) / point.omega
         jacobian[size - 1, i] = -workspace.jump[i] * point.limit / point.omega / scale.impulse
         if workspace.impulse_index[i] >= 0:
             total += z[workspace.impulse_index[i]]
             jacobian[size - 1, workspace.impulse_index[i]] = 1.0
-    residual[size - 1] = total + rub * point.limit / scale.impulse
-    jacobian[size - 1, size + OMEGA] = -rub * point.limit / point.omega / scale.impulse
-    jacobian[size - 1, size + LIMIT] = rub / scale.impulse
+    residual[size - 1] = total + friction * point.limit / scale.impulse
+    jacobian[size - 1, size + OMEGA] = -friction * point.limit / point.omega / scale.impulse
+    jacobian[size - 1, size + LIMIT] = friction / scale.impulse
 
 
 @jit
@@ -359,14 +356,6 @@ def fill_conditions(structure, point, order, z, scale, workspace, system, with_s
                     if workspace.impulse_index[k] >= 0:
                         jacobian[row, workspace.impulse_index[k]] *= scale.impulse
     fill_momentum_row(structure, point, order, z, scale, workspace, system)
-
-
-CONVERGED, NOT_CONVERGED, ORDER_LOST, SINGULAR = range(4)
-MOST_STEPS = 30
-RESIDUAL_TOL = 1e-13  # of the units: a residual below this is rounding
-STALLED_RESIDUAL_TOL = 1e-9  # a residual below this that no longer falls is rounding as well
-LEAST_INTERVAL_SHARE = 0.2  # share of the time between two events that one step leaves at least
-LEAST_PHASE_INTERVAL = 1e-9  # rad between events, below which their order is lost
 
 
 @jit

@@ -28,31 +28,21 @@ NODE_WEIGHTS = 0.5 * NODE_WEIGHTS
 
 
 class Flights(NamedTuple):
-    """The flights after each of n events.
+    """The flights after each of n events."""
 
-    ``amplitude`` (n, J) is that of the exponentials, ``force`` (n,) that of friction, and ``place``
-    and ``velocity`` (n,) are those of the absorber.
-
-    ``time`` (n + 1,): the events' times, and the first one's of the next span.
-    """
-
-    amplitude: NDArray[np.complex128]
-    force: NDArray[np.float64]
-    place: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    time: NDArray[np.float64]
+    amplitude: NDArray[np.complex128]  # (n, J) of the exponentials
+    force: NDArray[np.float64]  # (n,) friction force on the absorber (N)
+    place: NDArray[np.float64]  # (n,) of the absorber after the event (m)
+    velocity: NDArray[np.float64]  # (n,) of the absorber after the event (m/s)
+    time: NDArray[np.float64]  # (n + 1,) of the events, and of the first one of the next span (s)
 
 
 class Extremes(NamedTuple):
-    """Extremes of an orbit.
+    """Extremes of an orbit."""
 
-    ``tip`` (m) is the largest displacement of the tip, ``square`` (m^2) its mean square, and
-    ``distance`` (m) the largest relative displacement.
-    """
-
-    tip: float
-    square: float
-    distance: float
+    tip: float  # largest displacement of the tip (m)
+    square: float  # mean square of the displacement (m^2)
+    distance: float  # largest relative displacement (m)
 
 
 @jit_inline
@@ -234,19 +224,18 @@ def find_peak_near(structure, point, h, flights, i, dt, reach):
 
 @jit_allocating
 def scan_flights(structure, point, h, flights, order, turns):
-    """Scan all flights of an orbit.
-
-    Returns (extremes, number of reversals, whether the signs fit the impacts).
+    """Scan all flights of an orbit; return (extremes, number of reversals, whether the signs fit).
 
     ``turns`` (capacity,) takes the times (s) at which the relative velocity changes its sign
-    between impacts, whatever the order says; the count goes on beyond the capacity.
+    between impacts, whatever the order says; the count continues beyond the capacity. The signs fit
+    if each flight ends at the wall that the order says.
     """
     count = structure.s.shape[0]
     n = order.wall.shape[0]
     omega = point.omega
     mass = structure.mass
     shift = np.zeros((NODES, count), np.complex128)
-    leap = np.zeros(count, np.complex128)
+    panel_factor = np.zeros(count, np.complex128)
     e = np.zeros(count, np.complex128)
     fastest = omega
     for j in range(count):
@@ -276,7 +265,7 @@ def scan_flights(structure, point, h, flights, order, turns):
         panels = max(1, int(np.ceil(length * fastest / PANEL_PHASE)))
         step = length / panels
         for j in range(count):
-            leap[j], e[j] = np.exp(structure.s[j] * step), flights.amplitude[i, j]
+            panel_factor[j], e[j] = np.exp(structure.s[j] * step), flights.amplitude[i, j]
             for k in range(NODES):
                 shift[k, j] = np.exp(structure.s[j] * step * NODE_PLACES[k])
         for p in range(panels):
@@ -313,7 +302,7 @@ def scan_flights(structure, point, h, flights, order, turns):
                 last_rate = rate
                 last_time = flights.time[i] + dt
             for j in range(count):
-                e[j] *= leap[j]
+                e[j] *= panel_factor[j]
     fits = fits and sign == order.mirror * order.wall[0]
     tip = max(tip, find_peak_near(structure, point, h, flights, at, at_dt, PANEL_PHASE / fastest))
     return Extremes(tip, square / (flights.time[n] - flights.time[0]), distance), turn_count, fits
@@ -336,12 +325,12 @@ def apply_flight(structure, dt, block, matrix):
     for i in range(n):
         h = block[0, i]
         rate = block[1, i]
-        own = rate + structure.rate[i] * h
+        direct = rate + structure.rate[i] * h
         stiff = -structure.omega[i] * structure.omega[i] * h
         for c in range(columns):
             q = matrix[i, c]
             v = matrix[n + 1 + i, c]
-            matrix[i, c] = own * q + h * v
+            matrix[i, c] = direct * q + h * v
             matrix[n + 1 + i, c] = stiff * q + rate * v
     for c in range(columns):
         matrix[n, c] += dt * matrix[2 * n + 1, c]
@@ -387,14 +376,12 @@ def apply_saltation(structure, wall, restitution, impulse, jump, rate, bend, mat
 
 @jit_allocating
 def compute_monodromy(structure, point, order, flights, impulses, jumps, matrix, turning):
-    """Write the derivative of the map over one span.
+    """Write the derivative of the map over one span, from just after the first event to its return.
 
-    The map leads from just after the first event to just after its return. It is mirrored back if
-    the order is mirrored.
-
-    ``jumps`` (n,): changes of the friction force in N. ``turning`` (n,) takes the relative
-    acceleration before each reversal over the change that friction brings: -1 or below where the
-    absorber slides on the other way, in between friction holds it; and -inf at impacts.
+    It is mirrored back if the order is mirrored. ``jumps`` (n,): changes of the friction force in
+    N. ``turning`` (n,) takes the relative acceleration before each reversal over the change that
+    friction brings: -1 or below where the absorber slides on the other way, in between friction
+    holds it; and -inf at impacts.
     """
     n = order.wall.shape[0]
     size = matrix.shape[0]

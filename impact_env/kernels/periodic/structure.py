@@ -17,55 +17,38 @@ from impact_env.kernels.compiling.jit import jit, jit_inline
 
 
 class Structure(NamedTuple):
-    """A modal model and an absorber.
+    """A modal model of N_m modes and J exponentials, and an absorber."""
 
-    ``s``, ``weight`` (J,): the modes' exponentials; ``powers`` (4, J): tip_shape^2 weight / s, and
-    that times s, s^2, s^3. ``mode`` (J,): whose exponential it is. ``omega``, ``rate`` = 2 D omega,
-    ``push`` = force shape, ``tip`` = tip shape (N_m,). ``mass`` (kg) of the absorber,
-    ``compliance`` G = 1/mass + sum tip^2 (1/kg), ``static`` = sum tip^2/omega^2 (m/N).
-    """
-
-    s: NDArray[np.complex128]
-    weight: NDArray[np.complex128]
-    powers: NDArray[np.complex128]
-    mode: NDArray[np.int64]
-    omega: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    push: NDArray[np.float64]
-    tip: NDArray[np.float64]
-    mass: float
-    compliance: float
-    static: float
+    s: NDArray[np.complex128]  # (J,) exponents of the modes (1/s)
+    weight: NDArray[np.complex128]  # (J,) their weights in the response to a unit impulse
+    powers: NDArray[np.complex128]  # (4, J) tip^2 weight/s, and that times s, s^2, s^3
+    mode: NDArray[np.int64]  # (J,) mode that an exponential belongs to
+    omega: NDArray[np.float64]  # (N_m,) rad/s
+    rate: NDArray[np.float64]  # (N_m,) 2 D omega (1/s)
+    push: NDArray[np.float64]  # (N_m,) mode shape at the force
+    tip: NDArray[np.float64]  # (N_m,) mode shape at the absorber
+    mass: float  # of the absorber (kg)
+    compliance: float  # G = 1/mass + sum tip^2 (1/kg)
+    static: float  # sum tip^2/omega^2 (m/N)
 
 
 class Point(NamedTuple):
-    """A point of the parameters.
+    """A point of the parameters."""
 
-    It consists of circular frequency (rad/s), force (N), half-clearance (m), restitution and
-    friction limit (N).
-    """
-
-    omega: float
-    force: float
-    gap: float
-    restitution: float
-    limit: float
+    omega: float  # circular frequency (rad/s)
+    force: float  # amplitude (N)
+    gap: float  # half-clearance (m)
+    restitution: float  # Newton's coefficient
+    limit: float  # of friction (N)
 
 
 class Order(NamedTuple):
-    """The events of one span, which repeats.
+    """The events of one span, which repeats."""
 
-    ``wall`` (n,) is -1 or 1, or 0 for a reversal. ``sign`` (n,) is that of the relative velocity
-    after each event.
-
-    ``turn`` is the span in rad of the force; ``mirror`` -1: the next span is the mirrored one, 1:
-    the same again.
-    """
-
-    wall: NDArray[np.int64]
-    sign: NDArray[np.int64]
-    turn: float
-    mirror: float
+    wall: NDArray[np.int64]  # (n,) wall of an impact, -1 or 1; 0: a reversal
+    sign: NDArray[np.int64]  # (n,) sign of the relative velocity after each event
+    turn: float  # span in rad of the force
+    mirror: float  # -1: the next span is the mirrored one, 1: the same again
 
 
 class Scale(NamedTuple):
@@ -77,7 +60,7 @@ class Scale(NamedTuple):
 
 
 @jit_inline
-def at_frequency(point, omega):
+def replace_frequency(point, omega):
     """Return the point at another circular frequency (rad/s)."""
     return Point(omega, point.force, point.gap, point.restitution, point.limit)
 
@@ -95,7 +78,7 @@ def divide_complex(a, b):
 
 
 @jit
-def receptance(structure, omega):
+def compute_receptance(structure, omega):
     """Return the receptance H (m/N) and dH/domega.
 
     H is the displacement of the tip under a force exp(i omega t) at the place of the force.

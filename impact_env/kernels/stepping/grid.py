@@ -6,7 +6,7 @@ samples between the steps.
 The force is the real part of a rotating phasor, which spares a cosine at each step. Over one
 section of the schedule the phase is a quadratic in time, so the phasor's turn per step is itself a
 phasor that turns at a constant rate. Rounding grows with the square of the number of turns; the
-phasor is computed anew after `PHASOR_STEPS` of them, when it is below 2e-13.
+phasor is computed again after `PHASOR_STEPS` of them, when rounding is below 2e-13.
 """
 
 from __future__ import annotations
@@ -22,6 +22,50 @@ from impact_env.kernels.motion.loads import LoadPieces, compute_force, has_sourc
 from impact_env.kernels.motion.observers import LEVEL_OFF, push_phase
 
 PHASOR_STEPS = 32
+
+
+class Spring(NamedTuple):
+    """A spring and a damper between absorber and tip."""
+
+    stiffness: float  # N/m, 0: there is none
+    damping: float  # N s/m
+
+
+NO_SPRING = Spring(0.0, 0.0)
+
+Array = NDArray[np.float64]
+NO_PHASE = -1  # kind of phase: none
+
+
+class BeamModes(NamedTuple):
+    """The modes of the beam."""
+
+    omega: Array  # (N_m,) circular frequencies (rad/s)
+    damping_ratio: Array  # (N_m,)
+    force_shape: Array  # (N_m,) at the force
+    tip_shape: Array  # (N_m,) at the tip
+
+
+class DriveForce(NamedTuple):
+    """Breakpoints of the drive.
+
+    Other loads than the chirp of one force are all forces; then only the times are used, and the
+    amplitude is 1.
+    """
+
+    times: Array  # (K,) s
+    omegas: Array  # (K,) circular frequencies (rad/s)
+    phases: Array  # (K,) integrals of the frequency (rad)
+    amplitude: float  # N
+    phase: float  # rad
+    load: LoadPieces  # other loads; without sources: there are none
+
+
+class TimeStep(NamedTuple):
+    """A time step, reduced so that it divides the duration."""
+
+    dt: float  # s
+    wide_stride: int | None  # width of a table of more oscillators than usual, else None
 
 
 @jit
@@ -109,61 +153,6 @@ def fill_force(target, count, force, k, t, dt):
     return first
 
 
-class Spring(NamedTuple):
-    """Spring (N/m) and damper (N s/m) between absorber and tip; a stiffness of 0: there is none."""
-
-    stiffness: float
-    damping: float
-
-
-NO_SPRING = Spring(0.0, 0.0)
-
-Array = NDArray[np.float64]
-NO_PHASE = -1  # kind of phase: none
-
-
-class BeamModes(NamedTuple):
-    """The beam.
-
-    It is given by circular frequencies (rad/s), damping ratios, and shapes at the force and at the
-    tip, each (N_m,).
-    """
-
-    omega: Array
-    damping_ratio: Array
-    force_shape: Array
-    tip_shape: Array
-
-
-class DriveForce(NamedTuple):
-    """Breakpoints of the drive.
-
-    Times (s), circular frequencies (rad/s) and integrals of the frequency (rad) are (K,) each. The
-    amplitude is in N, the phase in rad.
-
-    ``load``: other loads than the chirp of one force, all of them forces, without sources where
-    there are none; of the rest only the times then say something, and the amplitude is 1.
-    """
-
-    times: Array
-    omegas: Array
-    phases: Array
-    amplitude: float
-    phase: float
-    load: LoadPieces
-
-
-class TimeStep(NamedTuple):
-    """Time step (s), reduced so that it divides the duration.
-
-    ``wide_stride`` is the width of the table if it must be wider than usual: the number of
-    oscillators, rounded up to a multiple of 4.
-    """
-
-    dt: float
-    wide_stride: int | None
-
-
 @jit
 def find_sample_range(clock, level, series, duration):
     """Return the first sample that an observer needs, and the one after the last."""
@@ -234,7 +223,7 @@ def interpolate_velocity(start, end, part, h):
 
 @jit
 def record_contact_phase(kind, start, end, counters, events):
-    """Note the contact phase that ends, if it is one."""
+    """Record the contact phase from ``start`` to ``end`` (s), unless its kind is NO_PHASE."""
     if kind != NO_PHASE:
         counters.counts.stuck_time += end - start
         push_phase(events, start, end, kind, 0)

@@ -59,16 +59,46 @@ REST_TOL = 1e-6
 
 
 class RigidLaws(NamedTuple):
-    """Contact laws of one absorber.
+    """Contact laws of one absorber."""
 
-    They are given by the mass (kg, 0 without absorber), the walls, the friction limit (N, 0 without
-    friction, infinity: stuck), and the spring.
-    """
+    mass: float = 0.0  # kg, 0 without absorber
+    walls: Walls = NO_WALLS  # `NO_WALLS` without
+    limit: float = 0.0  # of friction (N), 0 without, infinity: stuck
+    spring: Spring = NO_SPRING  # `NO_SPRING` without
 
-    mass: float = 0.0
-    walls: Walls = NO_WALLS
-    limit: float = 0.0
-    spring: Spring = NO_SPRING
+
+Array = NDArray[np.float64]
+# rows of the table of modes
+STRIDE = 64
+_Q, _U, _KEEP, _PULL, _PUSH, _TIP, _Q_BEFORE, _U_BEFORE, _ROWS = range(9)
+
+
+class MoreauTable(NamedTuple):
+    """The modes in the form that the loop over steps uses."""
+
+    cells: Array  # rows of numbers of each mode: _Q to _U_BEFORE
+    modes: int  # N_m
+    lanes: int  # N_m rounded up to a multiple of 4
+    wide_stride: int | None  # distance of rows if it is not `STRIDE`
+    dt: float  # step (s)
+
+
+class StepState(NamedTuple):
+    """Motion of tip and absorber in a step."""
+
+    tip_q: float  # displacement of the tip at the middle of the step (m)
+    tip_u: float  # velocity of the tip at its start (m/s)
+    q: float  # displacement of the absorber at the middle (m)
+    v: float  # velocity of the absorber at the start (m/s)
+    gamma: float  # relative velocity at the start (m/s)
+
+
+class ContactPercussion(NamedTuple):
+    """Contact percussions on the absorber in a step (N s)."""
+
+    friction: float  # N s
+    normal: float  # of the wall (N s)
+    kind: int  # of contact phase, NO_PHASE without
 
 
 @jit
@@ -76,11 +106,10 @@ def solve_contact(before, free, distance, walls, slip, compliance):
     """Solve one step's contact problem.
 
     Returns (relative velocity after, friction and wall percussion on the absorber, kind of phase).
-
     ``before`` and ``free`` are the relative velocity at the step's start and at its end without
-    contact. First friction alone is tried. If it leaves a closed wall with less than -e times the
-    velocity before (measured as opening), the wall enforces that value and friction takes the share
-    that its law gives for it. ``slip`` (N s): largest friction percussion, 0 without friction.
+    contact; ``slip`` (N s): largest friction percussion, 0 without friction. First friction alone
+    is tried. If a closed wall then opens with less than -e times the velocity before, the wall
+    enforces this value, and friction takes the share that its law gives.
     """
     after = free
     friction = 0.0
@@ -119,53 +148,9 @@ def solve_contact(before, free, distance, walls, slip, compliance):
     return after, friction, normal, kind
 
 
-Array = NDArray[np.float64]
-# rows of the table of modes
-STRIDE = 64
-_Q, _U, _KEEP, _PULL, _PUSH, _TIP, _Q_BEFORE, _U_BEFORE, _ROWS = range(9)
-
-
-class MoreauTable(NamedTuple):
-    """The modes in the form that the loop over steps uses.
-
-    It contains the rows of ``cells``, N_m, N_m rounded up to a multiple of 4 (``lanes``), the
-    distance of rows if it is not `STRIDE`, and the step (s).
-    """
-
-    cells: Array
-    modes: int
-    lanes: int
-    wide_stride: int | None
-    dt: float
-
-
-class StepState(NamedTuple):
-    """Motion of tip and absorber in a step.
-
-    It consists of their displacements at the middle of the step, their velocities at its start, and
-    the relative velocity.
-    """
-
-    tip_q: float
-    tip_u: float
-    q: float
-    v: float
-    gamma: float
-
-
-class ContactPercussion(NamedTuple):
-    """Contact percussions of a step, and the kind of phase.
-
-    The percussions are those of friction and of the wall on the absorber (N s).
-    """
-
-    friction: float
-    normal: float
-    kind: int
-
-
 @jit_allocating
 def _new_moreau_table(modes, amplitude, state, dt, wide_stride):
+    """Return the table of the modes at a run's start."""
     stride = STRIDE
     if wide_stride is not None:
         stride = wide_stride
@@ -182,8 +167,12 @@ def _new_moreau_table(modes, amplitude, state, dt, wide_stride):
 
 
 def _step_code(pushed: bool) -> Any:
+    """Return vector code for a step of all modes, ``pushed`` by a spring or not."""
+
     @vector_code(NUMBER, 2)
-    def swing(code: Code, table, n: Index, stride: Index, force: Number, push: Number, dt: Number):
+    def advance(
+        code: Code, table, n: Index, stride: Index, force: Number, push: Number, dt: Number
+    ):
         numbers = (force, push, dt)
         velocity = code.sum()
         displacement = code.sum()
@@ -202,7 +191,7 @@ def _step_code(pushed: bool) -> Any:
             displacement.add_product(tip, q)
         return [total.total() for total in (velocity, displacement)]
 
-    return swing
+    return advance
 
 
 _step_without_spring = _step_code(False)
@@ -210,8 +199,8 @@ _step_with_spring = _step_code(True)
 
 
 @jit_inline
-def _stride(wide_stride):
-    """Return the distance between rows; where it is a constant no check for overlap is needed."""
+def _find_stride(wide_stride):
+    """Return the distance between rows; a constant one spares a check for overlap."""
     if wide_stride is None:
         return STRIDE
     return wide_stride
@@ -227,12 +216,12 @@ def _advance_modes(table, laws, body, distance, force):
     """
     if laws.spring.stiffness == 0.0:
         tip_u, tip_q = _step_without_spring(
-            table.cells, table.lanes, _stride(table.wide_stride), force, 0.0, table.dt
+            table.cells, table.lanes, _find_stride(table.wide_stride), force, 0.0, table.dt
         )
         return tip_u, tip_q, body.v
     push = (laws.spring.stiffness * distance + laws.spring.damping * body.gamma) * table.dt
     tip_u, tip_q = _step_with_spring(
-        table.cells, table.lanes, _stride(table.wide_stride), force, push, table.dt
+        table.cells, table.lanes, _find_stride(table.wide_stride), force, push, table.dt
     )
     return tip_u, tip_q, body.v - push / laws.mass
 
@@ -241,7 +230,7 @@ def _advance_modes(table, laws, body, distance, force):
 def _apply_percussion(table, percussion):
     """Apply the reaction of the contact percussion (N s, on the absorber) to the modes."""
     cells = table.cells
-    stride = _stride(table.wide_stride)
+    stride = _find_stride(table.wide_stride)
     for j in range(table.lanes):
         change = cells[_TIP * stride + j] * percussion
         cells[_U * stride + j] -= change
@@ -252,7 +241,7 @@ def _apply_percussion(table, percussion):
 def _save_modes(table):
     """Save displacements and velocities of the modes at the step's start."""
     cells = table.cells
-    stride = _stride(table.wide_stride)
+    stride = _find_stride(table.wide_stride)
     for j in range(table.modes):
         u = cells[_U * stride + j]
         cells[_Q_BEFORE * stride + j] = cells[_Q * stride + j] - 0.5 * table.dt * u
@@ -263,13 +252,11 @@ def _save_modes(table):
 def _account_modes(energy, table, force):
     """Add the work of the force and the dissipation of the modes in a step.
 
-    Both are computed with the mean velocity of the step.
-
-    With that velocity the balance closes up to dt^2/8 times the change of sum omega^2 u^2, which
-    does not grow with time.
+    With the mean velocity of the step the energy balance closes up to dt^2/8 times the change of
+    sum omega^2 u^2, which does not grow with time.
     """
     cells = table.cells
-    stride = _stride(table.wide_stride)
+    stride = _find_stride(table.wide_stride)
     totals = energy.totals[0]
     for j in range(table.modes):
         old = cells[_U_BEFORE * stride + j]
@@ -279,19 +266,8 @@ def _account_modes(energy, table, force):
 
 
 @jit_inline
-def _account_contact(energy, spring, friction, before, after, dt):
-    """Add a step's friction loss and its loss in the tuned absorber's damper.
-
-    Both are computed with the mean relative velocity of the step.
-    """
-    mean = 0.5 * (before + after)
-    energy.totals[0].friction_loss -= friction * mean
-    energy.totals[0].absorber_damping += spring.damping * before * mean * dt
-
-
-@jit_inline
 def _record_impact(normal, distance, before, after, time, observers):
-    """Add the loss of an impulse; list it as an impact where the absorber approached the wall."""
+    """Add the loss of a wall's impulse; record an impact where the absorber approached the wall."""
     loss = -0.5 * normal * (before + after)
     energy = observers.energy
     if energy is not None:
@@ -302,53 +278,55 @@ def _record_impact(normal, distance, before, after, time, observers):
 
 
 @jit_inline
-def _tip_at_start(body, dt):
+def _compute_tip_at_start(body, dt):
     """Return displacement and velocity of the tip at the start of the step."""
     return body.tip_q - 0.5 * dt * body.tip_u, body.tip_u
 
 
 @jit_inline
-def _absorber_at_start(body, dt):
+def _compute_absorber_at_start(body, dt):
     """Return displacement and velocity of the absorber at the start of the step."""
     return body.q - 0.5 * dt * body.v, body.v
 
 
 @jit
-def _mode_before(table, j):
+def _read_mode_before(table, j):
     """Return displacement and velocity of a mode at the start of the step."""
-    stride = _stride(table.wide_stride)
+    stride = _find_stride(table.wide_stride)
     return table.cells[_Q_BEFORE * stride + j], table.cells[_U_BEFORE * stride + j]
 
 
 @jit
-def _mode_after(table, j):
+def _read_mode_after(table, j):
     """Return displacement and velocity of a mode at the end of the step."""
-    stride = _stride(table.wide_stride)
+    stride = _find_stride(table.wide_stride)
     u = table.cells[_U * stride + j]
     return table.cells[_Q * stride + j] - 0.5 * table.dt * u, u
 
 
 @jit_inline
 def _sample_level(level, clock, part, before, after, table):
+    """Add the displacement at ``part`` (0 to 1) of a step to the level."""
     if level is None:
         return
     if clock.level == LEVEL_OFF:
         return
     if level.place.shape[0] == 0:
-        start = _tip_at_start(before, table.dt)
-        end = _tip_at_start(after, table.dt)
+        start = _compute_tip_at_start(before, table.dt)
+        end = _compute_tip_at_start(after, table.dt)
         push_sample(level, interpolate_displacement(start, end, part, table.dt))
     else:
         q = 0.0
         for j in range(table.modes):
-            start = _mode_before(table, j)
-            end = _mode_after(table, j)
+            start = _read_mode_before(table, j)
+            end = _read_mode_after(table, j)
             q += level.place[j] * interpolate_displacement(start, end, part, table.dt)
         push_sample(level, q)
 
 
 @jit_inline
 def _sample_state(series, clock, sample, part, before, after, table):
+    """Write the state at ``part`` (0 to 1) of a step, if the series has a row for the sample."""
     if series is None:
         return
     row = find_series_row(clock, series, sample)
@@ -358,12 +336,12 @@ def _sample_state(series, clock, sample, part, before, after, table):
     dt = table.dt
     target = series.states[row]
     for j in range(n):
-        start = _mode_before(table, j)
-        end = _mode_after(table, j)
+        start = _read_mode_before(table, j)
+        end = _read_mode_after(table, j)
         target[j] = interpolate_displacement(start, end, part, dt)
         target[n + 1 + j] = interpolate_velocity(start, end, part, dt)
-    start = _absorber_at_start(before, dt)
-    end = _absorber_at_start(after, dt)
+    start = _compute_absorber_at_start(before, dt)
+    end = _compute_absorber_at_start(after, dt)
     target[n] = interpolate_displacement(start, end, part, dt)
     target[2 * n + 1] = interpolate_velocity(start, end, part, dt)
 
@@ -373,7 +351,7 @@ def _write_state(m_a, state, table, body):
     """Write the state at the end of the last step."""
     cells = table.cells
     n = table.modes
-    stride = _stride(table.wide_stride)
+    stride = _find_stride(table.wide_stride)
     for j in range(n):
         u = cells[_U * stride + j]
         state[j], state[n + 1 + j] = cells[_Q * stride + j] - 0.5 * table.dt * u, u
@@ -439,7 +417,7 @@ def _advance_step(i, table, laws, bounds, body, force, observers):
     energy = observers.energy
     if laws.mass == 0.0:
         tip_u, tip_q = _step_without_spring(
-            table.cells, table.lanes, _stride(table.wide_stride), force, 0.0, dt
+            table.cells, table.lanes, _find_stride(table.wide_stride), force, 0.0, dt
         )
         if energy is not None:
             _account_modes(energy, table, force)
@@ -452,7 +430,10 @@ def _advance_step(i, table, laws, bounds, body, force, observers):
     if hit.normal != 0.0:
         _record_impact(hit.normal, distance, body.gamma, after.gamma, (i + 1) * dt, observers)
     if energy is not None:
-        _account_contact(energy, laws.spring, hit.friction, body.gamma, after.gamma, dt)
+        # with the mean relative velocity of the step
+        mean = 0.5 * (body.gamma + after.gamma)
+        energy.totals[0].friction_loss -= hit.friction * mean
+        energy.totals[0].absorber_damping += laws.spring.damping * body.gamma * mean * dt
         _account_modes(energy, table, force)
     return after, hit.kind
 
@@ -461,10 +442,10 @@ def _advance_step(i, table, laws, bounds, body, force, observers):
 def moreau_lane(modes, laws, force, state, step, observers):
     """Integrate one run from time 0 to the drive's end and return a status code.
 
-    `grid.BeamModes`, `RigidLaws`, `grid.DriveForce`, `grid.TimeStep`. ``state`` (2 N_m
-    + 2,) is the initial state and becomes the final one. Sample k lies at k
-    ``observers.clock.interval``. ``step.wide_stride`` is None, or N_m rounded up to a multiple of
-    4 if that is above `STRIDE`.
+    ``modes``: `grid.BeamModes`, ``laws``: `RigidLaws`, ``force``: `grid.DriveForce`, ``step``:
+    `grid.TimeStep`. ``state`` (2 N_m + 2,) is the initial state and becomes the final one. Sample k
+    lies at k ``observers.clock.interval``. ``step.wide_stride`` is None, or N_m rounded up to a
+    multiple of 4 if that is above `STRIDE`.
     """
     times = force.times
     sample_dt = observers.clock.interval

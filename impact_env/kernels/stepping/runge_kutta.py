@@ -59,17 +59,45 @@ from impact_env.kernels.stepping.runge_kutta_step import (
     compute_relative_velocities,
     compute_stages,
     compute_stop_force,
+    find_stride,
     new_runge_kutta_table,
     observe_rows,
-    stride_of,
 )
 
 _STEPS_PER_CHECK = 16  # steps between two checks for values that are not finite
 # least in a period of a nonlinear spring's tangent stiffness, as of a mode (`methods.LEAST_STEPS`)
 LEAST_STEPS_PER_PERIOD = 4
-# a contact with a wall's spring: wall (-1, 0, 1), time and relative velocity at its start, impulse
-# so far
-WALL_TOUCH = record_type(side=NUMBER, time=NUMBER, rate=NUMBER, impulse=NUMBER)
+# a contact with a wall's spring
+WALL_TOUCH = record_type(
+    side=NUMBER,  # wall touched: -1 lower, 1 upper, 0 none
+    time=NUMBER,  # start of the contact (s)
+    rate=NUMBER,  # relative velocity there (m/s)
+    impulse=NUMBER,  # so far (N s)
+)
+
+
+class AbsorberStages(NamedTuple):
+    """The absorber between two steps.
+
+    Observations and relative velocities in the next step's four stages, as far as they follow from
+    the state.
+    """
+
+    y: tuple[float, float, float, float]  # observations
+    rest: float  # slider's position (m)
+    v: tuple[float, float, float, float]  # relative velocities (m/s)
+    largest: float  # deflection of a nonlinear spring so far (m)
+
+
+class StepContext(NamedTuple):
+    """Constants of the loop over steps."""
+
+    modes: BeamModes  # of the beam
+    laws: CompliantLaws  # of the absorber
+    table: RungeKuttaTable  # of the oscillators
+    amplitude: float  # of the force (N)
+    joined_mass: float  # of a stuck absorber, as in `ActiveLaws` (kg)
+    touches: NDArray[Any]  # (1,) a WALL_TOUCH record
 
 
 @jit_inline
@@ -121,12 +149,10 @@ def _find_turning_point(left, right, side, h):
 
 @jit
 def _record_short_contact(stops, left, right, stages, span, observers):
-    """Record a contact with a wall's spring that begins and ends within a step.
+    """Record a contact with a wall's spring within a step, if its stages have one.
 
-    A contact is recorded if it occurs in the stages of the step.
-
-    Its impulse is what acts in the step. It lasts while the cubic through the step's ends is beyond
-    the wall; one that stays short of it has its contact where it turns.
+    Its impulse is that of the stages. It lasts while the cubic through the step's ends is beyond
+    the wall; if the cubic stays short of the wall, the contact is where it turns.
     """
     h = span[1]
     impulse = (
@@ -155,11 +181,12 @@ def _record_short_contact(stops, left, right, stages, span, observers):
 
 @jit
 def _find_wall_side(y, gap):
+    """Return the wall that a relative displacement y (m) overlaps: -1 lower, 1 upper, 0 none."""
     return 1.0 if y > gap else (-1.0 if y < -gap else 0.0)
 
 
 @jit_inline
-def _displacement_and_rate(y, h):
+def _compute_displacement_and_rate(y, h):
     """Return the relative displacement and its rate from a step's observations."""
     return y[0], 2.0 * (y[1] - y[0]) / h
 
@@ -179,8 +206,8 @@ def _track_wall_contact(stops, touches, before, y, stages, span, observers):
         if max(abs(stages[1]), abs(stages[2]), abs(stages[3])) > stops.gap:
             _record_short_contact(
                 stops,
-                _displacement_and_rate(before, h),
-                _displacement_and_rate(y, h),
+                _compute_displacement_and_rate(before, h),
+                _compute_displacement_and_rate(y, h),
                 stages,
                 span,
                 observers,
@@ -199,8 +226,8 @@ def _track_wall_contact(stops, touches, before, y, stages, span, observers):
     side = _find_wall_side(y[0], stops.gap)
     if side == touch.side:
         return
-    left = _displacement_and_rate(before, h)
-    right = _displacement_and_rate(y, h)
+    left = _compute_displacement_and_rate(before, h)
+    right = _compute_displacement_and_rate(y, h)
     rising = right[0] > left[0]
     if touch.side != 0.0:
         share, _ = _find_crossing(left, right, touch.side * stops.gap, h, rising, 0.0, 1.0)
@@ -214,7 +241,10 @@ def _track_wall_contact(stops, touches, before, y, stages, span, observers):
 
 @jit
 def _record_wall_touch(touches, time, observers):
-    """Note a contact, if there is one, as an impact without loss and as a phase."""
+    """Record the contact with a wall's spring that ends at ``time`` (s), if there is one.
+
+    It is recorded as an impact without loss and as a contact phase.
+    """
     touch = touches[0]
     if touch.side == 0.0:
         return
@@ -228,9 +258,9 @@ def _record_wall_touch(touches, time, observers):
 
 @jit
 def _save_oscillators(table):
-    """Note the state at the step's start."""
+    """Save the oscillators' state at the step's start."""
     cells = table.cells
-    stride = stride_of(table.wide_stride)
+    stride = find_stride(table.wide_stride)
     for j in range(table.lanes):
         cells[Q_BEFORE * stride + j] = cells[Q * stride + j]
         cells[U_BEFORE * stride + j] = cells[U * stride + j]
@@ -240,7 +270,7 @@ def _save_oscillators(table):
 def _compute_tip(table):
     """Return displacement and velocity of the tip."""
     cells = table.cells
-    stride = stride_of(table.wide_stride)
+    stride = find_stride(table.wide_stride)
     q = 0.0
     u = 0.0
     for j in range(table.modes):
@@ -254,7 +284,7 @@ def _is_finite(table):
     """Return whether the displacements of all oscillators, modes and absorber, are finite."""
     total = 0.0
     for j in range(table.lanes):
-        total += abs(table.cells[Q * stride_of(table.wide_stride) + j])
+        total += abs(table.cells[Q * find_stride(table.wide_stride) + j])
     return np.isfinite(total)
 
 
@@ -266,7 +296,7 @@ def _write_state_between(target, table, part, m_a, added_mass, offset):
     """
     cells = table.cells
     n = table.modes
-    stride = stride_of(table.wide_stride)
+    stride = find_stride(table.wide_stride)
     tip_q = 0.0
     tip_u = 0.0
     for j in range(n + 1):
@@ -288,13 +318,13 @@ def _write_state_between(target, table, part, m_a, added_mass, offset):
 
 
 @jit
-def _displacement_between(place, part, table):
+def _compute_displacement_between(place, part, table):
     """Return the displacement of a place at ``part`` (0 to 1) of the step.
 
     The place is given by its mode shape (N_m,).
     """
     cells = table.cells
-    stride = stride_of(table.wide_stride)
+    stride = find_stride(table.wide_stride)
     total = 0.0
     for j in range(table.modes):
         before = cells[Q_BEFORE * stride + j], cells[U_BEFORE * stride + j]
@@ -305,6 +335,7 @@ def _displacement_between(place, part, table):
 
 @jit_inline
 def _sample_level(level, clock, part, start, table):
+    """Add the displacement at ``part`` (0 to 1) of a step to the level."""
     if level is None:
         return
     if clock.level == LEVEL_OFF:
@@ -312,7 +343,7 @@ def _sample_level(level, clock, part, start, table):
     if level.place.shape[0] == 0:
         push_sample(level, interpolate_displacement(start, _compute_tip(table), part, table.h))
     else:
-        push_sample(level, _displacement_between(level.place, part, table))
+        push_sample(level, _compute_displacement_between(level.place, part, table))
 
 
 @jit_inline
@@ -342,30 +373,6 @@ def _compute_compliance(mass, tip_shape):
     for i in range(tip_shape.shape[0]):
         total += tip_shape[i] * tip_shape[i]
     return total
-
-
-class AbsorberStages(NamedTuple):
-    """Motion of the absorber between two steps.
-
-    The four stages' observations and relative velocities as far as they follow from the state, the
-    slider's position, and the largest deflection of a nonlinear spring so far (m).
-    """
-
-    y: tuple[float, float, float, float]
-    rest: float
-    v: tuple[float, float, float, float]
-    largest: float
-
-
-class StepContext(NamedTuple):
-    """Constants of the loop over steps; ``touches`` (1,): a WALL_TOUCH record."""
-
-    modes: BeamModes
-    laws: CompliantLaws
-    table: RungeKuttaTable
-    amplitude: float
-    joined_mass: float
-    touches: NDArray[Any]
 
 
 @jit_inline
@@ -431,7 +438,7 @@ def _advance_step(context, absorber, forces, at, time, observers):
 
 @jit_inline
 def _finish_run(context, offset, state, end, observers):
-    """Close what is open at the end (s), and write the state."""
+    """Record the contacts that last until the ``end`` (s), and write the final state."""
     laws = context.laws
     table = context.table
     _record_wall_touch(context.touches, end, observers)
@@ -445,11 +452,12 @@ def _finish_run(context, offset, state, end, observers):
 def runge_kutta_lane(modes, laws, force, state, step, observers):
     """Integrate one run from time 0 to the drive's end and return a status code.
 
-    `grid.BeamModes`, `runge_kutta_step.CompliantLaws`, `grid.DriveForce`, `grid.TimeStep`. ``state`` (2
-    N_m + 2,) is the initial state and becomes the final one. Sample k lies at k
-    ``observers.clock.interval``. ``step.wide_stride`` is None, or N_m + 1 rounded up to a multiple
-    of 4 if that is above `STRIDE`. The friction loss contains the energy that the slider's spring
-    stores at the end. A contact with a wall's spring is listed as an impact at the time it begins.
+    ``modes``: `grid.BeamModes`, ``laws``: `runge_kutta_step.CompliantLaws`, ``force``:
+    `grid.DriveForce`, ``step``: `grid.TimeStep`. ``state`` (2 N_m + 2,) is the initial state and
+    becomes the final one. Sample k lies at k ``observers.clock.interval``. ``step.wide_stride`` is
+    None, or N_m + 1 rounded up to a multiple of 4 if that is above `STRIDE`. The friction loss
+    contains the energy that the slider's spring stores at the end. A contact with a wall's spring
+    is listed as an impact at the time it begins.
     """
     end = force.times[-1]
     sample_dt = observers.clock.interval
@@ -464,10 +472,10 @@ def runge_kutta_lane(modes, laws, force, state, step, observers):
     joined_mass = laws.added_mass / (1.0 + laws.added_mass * square)
     context = StepContext(modes, laws, table, force.amplitude, joined_mass, touches)
     offset = state[table.modes] - _compute_tip(table)[0]
-    y = observe_rows(table, table.cells[Y * stride_of(table.wide_stride) :])
+    y = observe_rows(table, table.cells[Y * find_stride(table.wide_stride) :])
     if laws.stops.stiffness > 0.0:  # a contact from the start
         touches[0].side = _find_wall_side(y[0], laws.stops.gap)
-        touches[0].rate = _displacement_and_rate(y, dt)[1]
+        touches[0].rate = _compute_displacement_and_rate(y, dt)[1]
     absorber = AbsorberStages(y, y[0], compute_relative_velocities(table), abs(y[0]))
     compliance = _compute_compliance(laws.mass, modes.tip_shape)
     row, rows = find_sample_range(observers.clock, observers.level, observers.series, end)

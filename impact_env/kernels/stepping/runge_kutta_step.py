@@ -59,28 +59,24 @@ _MIX = 6
 
 
 class ElasticSlider(NamedTuple):
-    """Spring (N/m) in series with a Coulomb slider (limit in N, 0: there is none)."""
+    """A spring in series with a Coulomb slider."""
 
-    limit: float
-    stiffness: float
+    limit: float  # N, 0: there is none
+    stiffness: float  # N/m
 
 
 class ElasticStops(NamedTuple):
-    """Unilateral springs (N/m, 0: there are none) at +- gap (m)."""
+    """Unilateral springs."""
 
-    gap: float
-    stiffness: float
+    gap: float  # distance of either from the middle (m)
+    stiffness: float  # N/m, 0: there are none
 
 
 class CubicSpring(NamedTuple):
-    """Cubic spring with a damper.
+    """A spring whose force is stiffness times displacement^3, with a damper."""
 
-    The spring's force is its stiffness (N/m^3, 0 without a spring) times the cube of the relative
-    displacement. The damper's coefficient is in N s/m.
-    """
-
-    cubic_stiffness: float
-    damping: float
+    cubic_stiffness: float  # N/m^3, 0 without a spring
+    damping: float  # N s/m
 
 
 NO_STOPS = ElasticStops(np.inf, 0.0)
@@ -89,18 +85,14 @@ NO_CUBIC_SPRING = CubicSpring(0.0, 0.0)
 
 
 class CompliantLaws(NamedTuple):
-    """Contact laws of one absorber.
+    """Contact laws of one absorber."""
 
-    ``mass`` (kg) is that of a moving absorber and ``added_mass`` (kg) that of a stuck one, each 0
-    if there is no such absorber. The other fields are walls, friction, spring and cubic spring.
-    """
-
-    mass: float = 0.0
-    added_mass: float = 0.0
-    stops: ElasticStops = NO_STOPS
-    slider: ElasticSlider = NO_SLIDER
-    spring: Spring = NO_SPRING
-    cubic: CubicSpring = NO_CUBIC_SPRING
+    mass: float = 0.0  # of a moving absorber (kg), 0 without
+    added_mass: float = 0.0  # of a stuck absorber (kg), 0 without
+    stops: ElasticStops = NO_STOPS  # walls
+    slider: ElasticSlider = NO_SLIDER  # friction
+    spring: Spring = NO_SPRING  # of a tuned absorber
+    cubic: CubicSpring = NO_CUBIC_SPRING  # of a nonlinear sink
 
 
 class ActiveLaws(NamedTuple):
@@ -117,8 +109,39 @@ class ActiveLaws(NamedTuple):
     cubic: CubicSpring | None
 
 
+class Oscillator(NamedTuple):
+    """One column of the table: q'' + c q' + w2 q = push f - tip p."""
+
+    w2: float  # omega^2 (1/s^2)
+    c: float  # 2 D omega (1/s)
+    push: float  # effect of the excitation
+    tip: float  # share in the tip's displacement
+    see_q: float  # weight of q in the observation
+    see_u: float  # weight of the velocity
+    see_push: float  # weight of the excitation
+
+
+class RelativeVelocityTable(NamedTuple):
+    """A second observation, the relative velocity; of size 0 where no law depends on it."""
+
+    cells: NDArray[np.float64]  # eight rows as those from `Y` on
+    mix: NDArray[np.float64]  # (4, 6) as `RungeKuttaTable.mix`
+
+
+class RungeKuttaTable(NamedTuple):
+    """The oscillators in the form that the loop over steps uses."""
+
+    cells: NDArray[np.float64]  # rows of numbers of each oscillator: Q to U_BEFORE
+    mix: NDArray[np.float64]  # (4, 6) what an observation takes from excitation and feedback
+    modes: int  # N_m
+    lanes: int  # oscillators, rounded up to a multiple of 4
+    wide_stride: int | None  # distance of rows if it is not `STRIDE`
+    h: float  # step (s)
+    speeds: RelativeVelocityTable  # observation of the relative velocity
+
+
 @jit
-def runge_kutta_step(w2, c, h, q, u, w):
+def compute_runge_kutta_step(w2, c, h, q, u, w):
     """Return the four stages' (q, u) and the new (q, u) of q'' + c q' + w2 q = w.
 
     w is given for each stage.
@@ -148,54 +171,8 @@ def runge_kutta_step(w2, c, h, q, u, w):
     )
 
 
-class Oscillator(NamedTuple):
-    """One column of the table.
-
-    Its fields are omega^2, 2 D omega, the effect of the excitation, the oscillator's share in the
-    tip, and its weights in the observation.
-
-    (see_q, see_u) weigh its state, ``see_push`` the excitation.
-    """
-
-    w2: float
-    c: float
-    push: float
-    tip: float
-    see_q: float
-    see_u: float
-    see_push: float
-
-
-class RelativeVelocityTable(NamedTuple):
-    """A second observation, the relative velocity, for laws that depend on it.
-
-    It has eight rows as `Y`, and its ``mix``.
-
-    Of size 0 where no law needs it.
-    """
-
-    cells: NDArray[np.float64]
-    mix: NDArray[np.float64]
-
-
-class RungeKuttaTable(NamedTuple):
-    """The oscillators of the loop.
-
-    Rows of ``cells``, their ``mix`` (4, 6), N_m, oscillators in steps of 4, distance of rows if it
-    is not `STRIDE`, the step (s), and `RelativeVelocityTable`.
-    """
-
-    cells: NDArray[np.float64]
-    mix: NDArray[np.float64]
-    modes: int
-    lanes: int
-    wide_stride: int | None
-    h: float
-    speeds: RelativeVelocityTable
-
-
 @jit_inline
-def stride_of(wide_stride):
+def find_stride(wide_stride):
     """Return the distance between rows."""
     if wide_stride is None:
         return STRIDE
@@ -207,12 +184,14 @@ def _add_oscillator(table, j, one):
     """Fill column ``j`` with an `Oscillator` and add its share to the mix."""
     cells = table.cells
     mix = table.mix
-    stride = stride_of(table.wide_stride)
+    stride = find_stride(table.wide_stride)
     responses = np.empty((6, 10))
     for k in range(6):  # to the unit vectors of (q, u, w1, w2, w3, w4)
         e = np.zeros(6)
         e[k] = 1.0
-        step = runge_kutta_step(one.w2, one.c, table.h, e[0], e[1], (e[2], e[3], e[4], e[5]))
+        step = compute_runge_kutta_step(
+            one.w2, one.c, table.h, e[0], e[1], (e[2], e[3], e[4], e[5])
+        )
         responses[k] = np.array(step)
     cells[TIP * stride + j] = one.tip
     for row in range(2):  # new q, new u
@@ -224,14 +203,14 @@ def _add_oscillator(table, j, one):
         for stage in range(3 + row):
             cells[(QP1 + 3 * row + stage) * stride + j] = -one.tip * after[2 + stage]
     cells[UF4 * stride + j] = one.push * responses[5, 9]
-    _observe(cells[Y * stride :], mix, stride, j, one, responses)
+    _fill_observation(cells[Y * stride :], mix, stride, j, one, responses)
     if table.speeds.cells.shape[0] > 0:
         speed = Oscillator(one.w2, one.c, one.push, one.tip, 0.0, -one.tip, 0.0)
-        _observe(table.speeds.cells, table.speeds.mix, stride, j, speed, responses)
+        _fill_observation(table.speeds.cells, table.speeds.mix, stride, j, speed, responses)
 
 
 @jit_allocating
-def _observe(cells, mix, stride, j, one, responses):
+def _fill_observation(cells, mix, stride, j, one, responses):
     """Fill column ``j`` of an observation's eight rows, and add its share to the mix."""
     for stage in range(4):
         response = one.see_q * responses[:, 2 * stage] + one.see_u * responses[:, 2 * stage + 1]
@@ -245,7 +224,7 @@ def _observe(cells, mix, stride, j, one, responses):
 
 
 @jit
-def _observation_weights(spring, added_mass, tip, w2, c):
+def _compute_observation_weights(spring, added_mass, tip, w2, c):
     """Return the shares of a mode's displacement, velocity and excitation in the observation."""
     if added_mass > 0.0:
         return -tip * w2, -tip * c, tip
@@ -266,7 +245,7 @@ def _add_absorber(m_a, spring, table, state):
         damping = spring.damping
     root = np.sqrt(m_a)
     n = table.modes
-    stride = stride_of(table.wide_stride)
+    stride = find_stride(table.wide_stride)
     _add_oscillator(
         table, n, Oscillator(0.0, 0.0, 0.0, -1.0 / root, stiffness / root, damping / root, 0.0)
     )
@@ -284,7 +263,7 @@ def new_runge_kutta_table(modes, laws, amplitude, state, h, wide_stride):
     tip's acceleration without that mass.
     """
     n = modes.omega.shape[0]
-    stride = stride_of(wide_stride)
+    stride = find_stride(wide_stride)
     needed = 1 if laws.cubic.cubic_stiffness > 0.0 else 0  # the relative velocity
     speeds = RelativeVelocityTable(np.zeros(8 * stride * needed), np.zeros((4 * needed, _MIX)))
     table = RungeKuttaTable(
@@ -300,7 +279,9 @@ def new_runge_kutta_table(modes, laws, amplitude, state, h, wide_stride):
         w2 = modes.omega[j] * modes.omega[j]
         c = 2.0 * modes.damping_ratio[j] * modes.omega[j]
         tip = modes.tip_shape[j]
-        see_q, see_u, see_push = _observation_weights(laws.spring, laws.added_mass, tip, w2, c)
+        see_q, see_u, see_push = _compute_observation_weights(
+            laws.spring, laws.added_mass, tip, w2, c
+        )
         _add_oscillator(
             table,
             j,
@@ -333,11 +314,9 @@ def compute_slider_force(y, rest, slider):
 
 @jit_inline
 def compute_feedback(y, v, rest, laws):
-    """Return the force on the absorber (N) for an observation.
+    """Return the force on the absorber (N) for an observation y, by `ActiveLaws`.
 
-    The relative velocity (m/s) is 0 if no law depends on it.
-
-    ``laws``: `ActiveLaws`.
+    The relative velocity v (m/s) is 0 if no law depends on it.
     """
     force = compute_stop_force(y, laws.stops) + compute_slider_force(y, rest, laws.slider)
     if laws.spring is not None:
@@ -350,8 +329,10 @@ def compute_feedback(y, v, rest, laws):
 
 
 def _step_code(pushed: bool, sampled: bool) -> Any:
+    """Return vector code for a step, ``pushed`` by the feedback or not, ``sampled`` or not."""
+
     @vector_code(NUMBER, 4)
-    def swing(
+    def advance(
         code: Code,
         table,
         lanes: Index,
@@ -394,7 +375,7 @@ def _step_code(pushed: bool, sampled: bool) -> Any:
                     total.add_product(of(Y + 2 * k + 1, j), u_next)
         return [total.total() for total in sums]
 
-    return swing
+    return advance
 
 
 _step_forced, _step_forced_observed, _step_fed_back, _step_fed_back_observed = (
@@ -410,7 +391,7 @@ def advance_oscillators(table, forces, at, push, sampled):
     """
     cells = table.cells
     lanes = table.lanes
-    stride = stride_of(table.wide_stride)
+    stride = find_stride(table.wide_stride)
     f1 = forces[at]
     fm = forces[at + 1]
     f4 = forces[at + 2]
@@ -429,7 +410,7 @@ def advance_oscillators(table, forces, at, push, sampled):
 def observe_rows(table, rows):
     """Return the eight rows of an observation of the state, in the four stages of the next step."""
     cells = table.cells
-    stride = stride_of(table.wide_stride)
+    stride = find_stride(table.wide_stride)
     y = np.zeros(4)
     for stage in range(4):
         for j in range(table.lanes):
@@ -450,7 +431,7 @@ def compute_relative_velocities(table):
 
 
 @jit_inline
-def _stage_velocity(cubic, speeds, v, k, f, p):
+def _compute_stage_velocity(cubic, speeds, v, k, f, p):
     """Return the relative velocity in stage ``k``.
 
     ``p`` are the feedbacks of the stages before. The result is 0 if no law depends on the relative
@@ -473,13 +454,13 @@ def _compute_stages_under(absorber, table, forces, at, laws):
     speeds = table.speeds
     f = f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
     y1 = y[0] + mix[0, 0] * f1
-    v1 = _stage_velocity(laws.cubic, speeds, v, 0, f, (0.0, 0.0, 0.0))
+    v1 = _compute_stage_velocity(laws.cubic, speeds, v, 0, f, (0.0, 0.0, 0.0))
     p1 = compute_feedback(y1, v1, rest, laws)
     y2 = y[1] + mix[1, 0] * f1 + mix[1, 1] * fm + mix[1, 3] * p1
-    v2 = _stage_velocity(laws.cubic, speeds, v, 1, f, (p1, 0.0, 0.0))
+    v2 = _compute_stage_velocity(laws.cubic, speeds, v, 1, f, (p1, 0.0, 0.0))
     p2 = compute_feedback(y2, v2, rest, laws)
     y3 = y[2] + mix[2, 0] * f1 + mix[2, 1] * fm + mix[2, 3] * p1 + mix[2, 4] * p2
-    v3 = _stage_velocity(laws.cubic, speeds, v, 2, f, (p1, p2, 0.0))
+    v3 = _compute_stage_velocity(laws.cubic, speeds, v, 2, f, (p1, p2, 0.0))
     p3 = compute_feedback(y3, v3, rest, laws)
     y4 = (
         y[3]
@@ -490,7 +471,7 @@ def _compute_stages_under(absorber, table, forces, at, laws):
         + mix[3, 4] * p2
         + mix[3, 5] * p3
     )
-    v4 = _stage_velocity(laws.cubic, speeds, v, 3, f, (p1, p2, p3))
+    v4 = _compute_stage_velocity(laws.cubic, speeds, v, 3, f, (p1, p2, p3))
     p4 = compute_feedback(y4, v4, rest, laws)
     return (y1, y2, y3, y4), (p1, p2, p3, p4)
 
@@ -499,9 +480,8 @@ def _compute_stages_under(absorber, table, forces, at, laws):
 def compute_stages(absorber, table, forces, at, laws, joined_mass):
     """Return the observations and the feedbacks in the four stages.
 
-    ``absorber`` is a `runge_kutta.AbsorberStages`.
-
-    ``joined_mass``: that of `ActiveLaws`, 0 unless the absorber is stuck.
+    ``absorber`` is a `runge_kutta.AbsorberStages`; ``joined_mass``: that of `ActiveLaws`, 0 unless
+    the absorber is stuck.
     """
     if laws.cubic.cubic_stiffness > 0.0:
         of_cubic = ActiveLaws(None, None, None, None, laws.cubic)
@@ -532,7 +512,7 @@ def account_step(energy, modes, amplitude, laws, table, rest, stages):
     cells = table.cells
     n = table.modes
     h = table.h
-    stride = stride_of(table.wide_stride)
+    stride = find_stride(table.wide_stride)
     totals = energy.totals[0]
     weights = (h / 6.0, h / 3.0, h / 3.0, h / 6.0)
     gamma = np.zeros(4)
@@ -547,7 +527,7 @@ def account_step(energy, modes, amplitude, laws, table, rest, stages):
         tip = cells[TIP * stride + j]
         e = (push * f[0], push * f[1], push * f[1], push * f[2])
         w = (e[0] - tip * p[0], e[1] - tip * p[1], e[2] - tip * p[2], e[3] - tip * p[3])
-        steps = runge_kutta_step(w2, c, h, cells[Q * stride + j], cells[U * stride + j], w)
+        steps = compute_runge_kutta_step(w2, c, h, cells[Q * stride + j], cells[U * stride + j], w)
         us = (steps[1], steps[3], steps[5], steps[7])
         for s in range(4):
             gamma[s] -= tip * us[s]

@@ -39,7 +39,14 @@ PERIODS = 400.0
 QUICK_PERIODS = 60.0
 REPEATS = 5
 QUICK_REPEATS = 3
-FRICTION = ("rigid_contact.friction_force", "rigid_contact.add_friction_loss", "rigid_contact.turn")
+# functions of the kernels with friction's arithmetic, with their former names
+FRICTION = (
+    "rigid_contact.add_friction_loss",
+    "rigid_contact.update_friction_force",
+    "rigid_contact.update_slip_direction",
+    "rigid_contact.friction_force",
+    "rigid_contact.turn",
+)
 LINEAR = ("no absorber", "stuck", "tuned")
 # a part switched off by its value must cost more than this, or leaving it out saves nothing
 REAL = 1.02
