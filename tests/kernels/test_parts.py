@@ -3,6 +3,7 @@
 Code that cannot be reached is not compiled.
 """
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +19,13 @@ from places import SUPPORT
 from places import fresh as process
 
 from impact_env.kernels.compiling import numba_check
-from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline, jit_view
+from impact_env.kernels.compiling.jit import (
+    jit,
+    jit_allocating,
+    jit_inline,
+    jit_separate,
+    jit_view,
+)
 from impact_env.kernels.exact.linear import linear_lane
 from impact_env.results import Record, Window
 from impact_env.sweep import simulate
@@ -242,6 +249,34 @@ def test_machine_code_does_not_depend_on_what_was_compiled_before_and_a_sparing_
     assert len(first["sparing"]) < len(
         first["plain"]
     )  # by how much is the processor's: half on one with AVX-512, a few in a hundred without AVX
+
+
+@pytest.mark.parametrize(("decorate", "calls"), [(jit, 0), (jit_separate, 2)])
+def test_a_separate_function_is_called_also_where_its_caller_is_inlined(
+    decorate: Callable[..., Any], calls: int
+) -> None:
+    @fresh
+    @decorate
+    def far(x):
+        total = x
+        for k in range(7):
+            total += np.sin(total * k) / (2.0 + np.cos(total + k)) + np.exp(-total * total)
+            total -= np.cos(total * k) / (2.0 + np.sin(total - k)) + np.tan(total) * np.sqrt(k)
+        return total
+
+    @fresh
+    @jit_inline
+    def near(x):
+        return far(x) + far(2.0 * x)
+
+    @fresh
+    @jit
+    def whole(x):
+        return near(x)
+
+    assert whole(1.5) == near.py_func(1.5)
+    code = whole.inspect_llvm(whole.signatures[0])
+    assert len(re.findall(r"call .*far", code)) == calls
 
 
 # --- without numba's internals

@@ -1,6 +1,6 @@
 """The decorators of all kernels.
 
-Four are for functions that numba compiles, one is for functions in the language of vector code.
+Five are for functions that numba compiles, one is for functions in the language of vector code.
 
 Nothing is compiled with numba's fastmath. Where the compiler may reorder sums or contract products
 it does so anew in every library that a function gets into, and of several copies of a function the
@@ -72,6 +72,15 @@ def jit_allocating(function: _F) -> _F:
 def jit_inline(function: _F) -> _F:
     """Compile like `jit` and inline at every call: small functions in the innermost loop."""
     return _njit(**_PLAIN, forceinline=True)(function)  # type: ignore[no-any-return]
+
+
+def jit_separate(function: _F) -> _F:
+    """Compile like `jit`, as a function of its own also where its caller is inlined.
+
+    It is for large functions outside the innermost loops. Each copy of one, with copies of all that
+    it calls, would add to the time of compilation.
+    """
+    return _njit(**_PLAIN, forceinline=False)(function)  # type: ignore[no-any-return]
 
 
 def jit_view(function: _F) -> _F:

@@ -9,12 +9,12 @@ types are inferred, which numba would compile and LLVM then drop: branches for a
 field of one, that is None where it is not, and a function compiled once more for each constant that
 it is called with.
 
-How far a kernel is inlined is decided by what it is given. numba hands the wish to be inlined on to
-all that a part calls, so that nearly a whole lane becomes one function: the quickest to run, and
-slow to compile. A kernel that is given a `limit_inlining` group, as one that records much, has
-parts of its own, and of these only those that ask for it themselves are inlined at every call.
-Where two other kernels share a part, and only one of them wishes it inlined, the one that is
-compiled first still decides for both.
+Inlining. In numba a function called by one that is always inlined is always inlined itself, unless
+its decorator says otherwise (`jit_separate`). So most of a lane becomes one function, which is fast
+and takes long to compile. A kernel with a `limit_inlining` group among its arguments, such as one
+that records energies, has parts of its own, of which only those declared `jit_inline` are always
+inlined. Where two kernels share a part, and only one of them inlines it, the one that is compiled
+first decides for both.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impact_env.kernels.compiling.jit import jit, jit_inline
+from impact_env.kernels.compiling.jit import jit, jit_inline, jit_separate
 from impact_env.kernels.events.signals import (
     HIT_HIGH,
     HIT_LOW,
@@ -278,7 +278,7 @@ def find_first_hit(guards, bounded, v, high, reach, noise):
     return t, HIT_HIGH if direction > 0.0 else HIT_LOW
 
 
-@jit
+@jit_separate
 def search_from_guard(function, guards, bounded):
     """Return (offset, event) after a start on a guard.
 
@@ -490,7 +490,7 @@ def refine_event_ahead(function, guards, bounded, offset, length, resolution):
     return GuardEvent(NOTHING, 0.0, 0.0, 0.0, 0.0, 0)
 
 
-@jit
+@jit_separate
 def careful_search(function, guards, start, stop, length):
     """Return the first GuardEvent from the offset ``start`` on, or NOTHING at the offset ``stop``.
 

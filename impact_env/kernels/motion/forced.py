@@ -19,7 +19,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import NUMBER, jit, jit_allocating, jit_inline, vector_code
+from impact_env.kernels.compiling.jit import (
+    NUMBER,
+    jit,
+    jit_allocating,
+    jit_inline,
+    jit_separate,
+    vector_code,
+)
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
 from impact_env.kernels.motion.loads import TERMS
 from impact_env.kernels.motion.modal_system import BASE, DRIVE, GUARD, POINTS, TIP, S, cos_sin
@@ -377,7 +384,7 @@ def compute_force_terms(window, terms):
         terms[1, 2 * m] = c_i
 
 
-@jit
+@jit_separate
 def forward_substitute(rows, j, window, sign, terms, at, out):
     """Solve the equation of `back_substitute` for one modal amplitude near resonance.
 
@@ -401,7 +408,7 @@ def forward_substitute(rows, j, window, sign, terms, at, out):
         p_i = x_i / (n + 1)
 
 
-@jit
+@jit_separate
 def _differentiate_signal(omega, signals, start, at):
     """Write the derivative p' + i omega p of signal ``start`` to signal ``at``."""
     for n in range(TERMS):
@@ -414,7 +421,7 @@ def _differentiate_signal(omega, signals, start, at):
         signals[at // 4, n, 1, at % 4] = d_i
 
 
-@jit
+@jit_separate
 def _fill_bounds(signals, reach, bound):
     """Fill `Forced.bound` for times up to ``reach`` (s) from the window's centre."""
     for m in range(DERIVATIVES):
@@ -449,7 +456,7 @@ def fill_carrier(steps, omega, level, carrier):
         carrier[level, 1, k] = y
 
 
-@jit_inline
+@jit_separate
 def _solve_polynomials(rows, window, sign, terms, at, out):
     """Solve for the polynomials A (``sign`` 1) or B (-1) of all modal amplitudes.
 
@@ -476,7 +483,7 @@ def _solve_polynomials(rows, window, sign, terms, at, out):
             forward_substitute(rows, j, window, sign, terms, at, out)
 
 
-@jit
+@jit_separate
 def solve_response(system, window, forced):
     """Fill the forced part of the modal amplitudes and of the tip for a window.
 
@@ -500,7 +507,7 @@ def solve_forced(system, window, absorber_mass, forced):
     solve_guard(system, window, absorber_mass, forced)
 
 
-@jit
+@jit_separate
 def solve_tip_signal(system, forced):
     """Fill the signal of the displacement with the weights in row TIP."""
     combine_signal(
@@ -508,7 +515,7 @@ def solve_tip_signal(system, forced):
     )
 
 
-@jit
+@jit_separate
 def integrate_base(window, forced):
     """Fill the signal of the displacement Y that a moving base gives a free absorber.
 
@@ -590,7 +597,7 @@ def _add_base_inertia(base, mass, signals):
                     signals[0, n, part, 0] += inertia
 
 
-@jit
+@jit_separate
 def solve_guard(system, window, absorber_mass, forced):
     """Fill the guard signal, its derivatives and bounds, from the known forced response.
 
@@ -635,7 +642,7 @@ def evaluate_signal(signals, m, omega, tau):
     return evaluate_polynomial(signals, m, tau, c, s)
 
 
-@jit
+@jit_separate
 def add_forced(polynomials, omega, tau, factor, z):
     """Add the forced part, factor * (A exp(i omega tau) + B exp(-i omega tau)), to z (2, J)."""
     c, s = cos_sin(omega * tau)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.kernels.compiling.jit import jit, jit_inline, vector_code
+from impact_env.kernels.compiling.jit import jit, jit_inline, jit_separate, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
 from impact_env.kernels.motion.forced import compute_force_terms, solve_forced, solve_response
 from impact_env.kernels.motion.loads import EQUAL_LENGTH_TOL, TERMS, ForceWindow
@@ -228,7 +228,7 @@ def _compute_step_column(system, units, n, half, w):
                 )
 
 
-@jit
+@jit_separate
 def _compute_step_map(load, system, window, forced, w):
     """Fill a regime's step map for the length of a window."""
     units = forced.unit_responses
@@ -270,7 +270,7 @@ def propagate_sampled_load(load, system, window, forced, w, z):
     return True
 
 
-@jit
+@jit_separate
 def _solve_unit_responses(load, system, window, absorber_mass, guarded, forced):
     """Solve the `UnitResponses` of a regime for windows of this length.
 
