@@ -124,10 +124,11 @@ def _list_checks(kind: type) -> dict[str, Check]:
 
 
 def check_fields(group: object, /, **checks: Check) -> None:
-    """Replace fields of a frozen dataclass by the values that their checks return.
+    """Replace fields of an object by the values that their checks return.
 
-    It is called in ``__post_init__``. Without ``checks`` all fields are checked as declared; with
-    ``checks`` only the fields of these names, by these checks.
+    A dataclass, also a frozen one, calls it in ``__post_init__``. Without ``checks`` all its fields
+    are checked as declared. With ``checks`` only the fields of these names are checked, by these
+    checks; the object may then be of any class.
 
     Raises
     ------
@@ -135,8 +136,8 @@ def check_fields(group: object, /, **checks: Check) -> None:
         A value is not allowed. Its ``argument`` is the field.
     """
     # mypy takes the method __hash__ of the class's objects for that of the class
-    declared = _list_checks(type(group))  # type: ignore[arg-type]
-    for name, check in (checks or declared).items():
+    chosen = checks or _list_checks(type(group))  # type: ignore[arg-type]
+    for name, check in chosen.items():
         try:
             value = check(name, getattr(group, name))
         except ParameterError as error:

@@ -203,7 +203,7 @@ STOPS = (
     Stop(
         "regimes",
         f"{REGIMES} --out .",
-        "studies.regimes.measured.stays",
+        "studies.regimes.measured.residence_times",
         2,
         "jump.json.gz",
         "jump_stay.csv",
