@@ -1,9 +1,11 @@
 """Options of the suite: processor times, other last bits in every modal model, few figures."""
 
+import hashlib
 import json
 import os
 import time
 from collections.abc import Generator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -116,10 +118,32 @@ def kind_of_figure(figure: Any) -> object:
     )
 
 
+def seed_of_figure(figure: Any) -> list[int]:
+    """Return numbers that follow from a figure's texts and from what its artists hold."""
+    from matplotlib.collections import Collection
+    from matplotlib.image import AxesImage
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
+
+    digest = hashlib.sha256()
+    for artist in figure.findobj():
+        if isinstance(artist, Text):
+            digest.update(artist.get_text().encode())
+        elif isinstance(artist, Line2D):
+            digest.update(np.asarray(artist.get_xydata(), dtype=float).tobytes())
+        elif isinstance(artist, Collection):
+            for path in artist.get_paths():
+                digest.update(np.asarray(path.vertices, dtype=float).tobytes())
+            digest.update(np.asarray(artist.get_offsets(), dtype=float).tobytes())
+        elif isinstance(artist, AxesImage):
+            digest.update(np.asarray(artist.get_array(), dtype=float).tobytes())
+    return list(digest.digest())
+
+
 def draw_few_figures(patch: pytest.MonkeyPatch) -> None:
     """Let figures have few pixels, and draw only the first one of each kind in this process.
 
-    PNG files of all others contain noise.
+    PNG files of all others contain noise, which is the same for figures with the same content.
     """
     from matplotlib.backend_bases import FigureCanvasBase
     from PIL import Image
@@ -130,11 +154,14 @@ def draw_few_figures(patch: pytest.MonkeyPatch) -> None:
 
     def print_first_figure(canvas: Any, file: Any, *arguments: Any, **options: Any) -> Any:
         kind = kind_of_figure(canvas.figure)
-        if kind not in DRAWN or options.get("format") != "png":
-            result = print_figure(canvas, file, *arguments, **options)
+        if options.get("format") != "png":
+            return print_figure(canvas, file, *arguments, **options)
+        seed = seed_of_figure(canvas.figure)  # before it is drawn, which adds labels of ticks
+        if kind not in DRAWN:
+            print_figure(canvas, BytesIO(), *arguments, **options)
             DRAWN.add(kind)
-            return result
-        return Image.effect_noise((60, 40), 64.0).save(file, format="png")
+        noise = np.random.default_rng(seed).bytes(60 * 40)
+        return Image.frombytes("L", (60, 40), noise).save(file, format="png")
 
     patch.setattr(FigureCanvasBase, "print_figure", print_first_figure)
     patch.setattr(write_figure, "__defaults__", (COARSE_DPI,))
