@@ -236,8 +236,7 @@ class ModalModel:
         shapes^T M r in sqrt(kg), where r is the rigid displacement of the structure for a unit
         motion of the base. None: not known.
     base_at_absorber : float, optional
-        The displacement The displacement The displacement The displacement r at the absorber's
-        place.
+        The displacement r at the absorber's place. None: not known.
     beam : Beam, optional
         The beam whose modes these are, for `mode_shapes` at other positions.
     force_quadrature : array_like, (N_m,), optional

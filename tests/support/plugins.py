@@ -160,8 +160,9 @@ def draw_few_figures(patch: pytest.MonkeyPatch) -> None:
         if kind not in DRAWN:
             print_figure(canvas, BytesIO(), *arguments, **options)
             DRAWN.add(kind)
-        noise = np.random.default_rng(seed).bytes(60 * 40)
-        return Image.frombytes("L", (60, 40), noise).save(file, format="png")
+        size = (canvas.figure.get_size_inches() * options["dpi"]).astype(int)
+        noise = np.random.default_rng(seed).bytes(int(np.prod(size)))
+        return Image.frombytes("L", tuple(size), noise).save(file, format="png")
 
     patch.setattr(FigureCanvasBase, "print_figure", print_first_figure)
     patch.setattr(write_figure, "__defaults__", (COARSE_DPI,))
