@@ -14,9 +14,11 @@ functions, lines of these functions, and lines of these files.
 
 import argparse
 import ast
+import importlib
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -240,19 +242,56 @@ def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
             yield node
 
 
+def list_public_names() -> set[str]:
+    """Return the names in ``__all__`` of the packages and in code on pages of the documentation."""
+    names: set[str] = set()
+    for file in (file for package in PACKAGES for file in files_of(package)):
+        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.Assign | ast.AugAssign) and "__all__" in ast.unparse(node):
+                constants = [part for part in ast.walk(node) if isinstance(part, ast.Constant)]
+                names |= {str(constant.value) for constant in constants}
+    for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
+        for code in re.findall(r"```.*?```|`[^`]+`", page.read_text(encoding="utf-8"), re.DOTALL):
+            names |= set(re.findall(r"\w+", code))
+    return names
+
+
+def is_override(file: Path, name: str) -> bool:
+    """Return whether a function is a method that a base class has, too.
+
+    The base class may belong to a library. False if the file cannot be imported, which needs the
+    libraries that it uses.
+    """
+    if str(ROOT) not in sys.path:
+        sys.path.insert(0, str(ROOT))
+    try:
+        module = importlib.import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
+    except ImportError:
+        return False
+    own = [kind for kind in vars(module).values() if isinstance(kind, type)]
+    return any(
+        name in vars(kind) and any(name in vars(base) for base in kind.__mro__[1:])
+        for kind in own
+        if kind.__module__ == module.__name__
+    )
+
+
 def small_functions_used_once(package: str) -> dict[str, bool]:
     """Return the short functions of a package that a single place uses.
 
     These functions have a name that no other function has, at most `SHORT` lines, and one place
-    that names them.
+    that names them. Methods that override a method of a base class do not count, because the base
+    class calls them by name, nor do functions that are exported or documented: those with a name
+    in `list_public_names`.
 
     The value of each is True if that place calls it. A function that is a value there, a property,
     or one with a cache cannot be written where it is used.
     """
+    public = list_public_names()
     definitions: Counter[str] = Counter()
     uses: Counter[str] = Counter()
     called: set[str] = set()
-    short: dict[str, str] = {}
+    short: dict[str, Path] = {}
     for file in (file for folder in SOURCES for file in files_of(folder)):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         for node in ast.walk(tree):
@@ -269,11 +308,14 @@ def small_functions_used_once(package: str) -> dict[str, bool]:
             if body and not cached and file.is_relative_to(ROOT / package):
                 length = (body[-1].end_lineno or 0) - body[0].lineno + 1
                 if length <= SHORT:
-                    short[function.name] = f"{file.relative_to(ROOT)} {function.name}"
+                    short[function.name] = file
     return {
-        place: name in called
-        for name, place in sorted(short.items(), key=lambda pair: pair[1])
-        if definitions[name] == 1 and uses[name] == 1
+        f"{file.relative_to(ROOT)} {name}": name in called
+        for name, file in sorted(short.items(), key=lambda pair: (pair[1], pair[0]))
+        if definitions[name] == 1
+        and uses[name] == 1
+        and name not in public
+        and not is_override(file, name)
     }
 
 
