@@ -124,28 +124,23 @@ def arguments_called(names: Mapping[str, str]) -> Iterator[None]:
         raise
 
 
-# how errors write the values of some classes: `describe_in_errors`
-_DESCRIPTIONS: dict[type, Callable[[Any], str]] = {}
+# functions by which errors write the values of some classes in words, not as Python would
+DESCRIPTIONS: dict[type, Callable[[Any], str]] = {}
 
 
 def _written(value: object) -> str:
     """Return a value as text for an error."""
     if isinstance(value, int) and abs(value) >= LARGEST_WRITTEN:
         return "a whole number of very many digits"
-    if type(value) in _DESCRIPTIONS:
+    if type(value) in DESCRIPTIONS:
         with suppress(Exception):  # a value that is not valid yet has no description
-            return _DESCRIPTIONS[type(value)](value)
+            return DESCRIPTIONS[type(value)](value)
     try:
         return repr(value)
     except ValueError:
         return f"{type(value).__name__} with a whole number of very many digits"
     except Exception:  # a repr of somebody else's class
         return f"an object of the kind {type(value).__name__}"
-
-
-def describe_in_errors(kind: type[T], describe: Callable[[T], str]) -> None:
-    """Let errors write the values of a class in words, not as Python would."""
-    _DESCRIPTIONS[kind] = describe
 
 
 def _is_number(kind: type) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.laws import compute_spring_energy
+from impact_env.laws import find_law, list_laws
 from impact_env.results import History
 from impact_env.scene import Scene
 
@@ -23,9 +23,9 @@ def stored_energy(scene: Scene, state: Array) -> float:
     energy = 0.5 * float(np.sum((model.omega * state[:n]) ** 2 + state[half : half + n] ** 2))
     if scene.absorber_mass is not None:
         energy += 0.5 * float(scene.absorber_masses @ state[half + n :] ** 2)
-        energy += compute_spring_energy(
-            scene.absorber, float(state[n] - model.tip_shape @ state[:n])
-        )
+        # springs; several absorbers have none, since their contact is rigid
+        displacement = float(state[n] - model.tip_shape @ state[:n])
+        energy += sum(find_law(law).stored(law, displacement) for law in list_laws(scene.absorber))
         energy += float((scene.absorber_masses * scene.absorber_gravities) @ state[n:half])
     return energy
 
@@ -57,7 +57,7 @@ def mechanical_energy(scene: Scene, history: History) -> MechanicalEnergy:
     """Return the energy of modes and absorbers at the samples of a run (paper, Eq. Einst).
 
     As in the paper only the kinetic energy of absorbers counts, not that of the springs of a tuned
-    absorber or of compliant walls (`laws.compute_spring_energy`). In a scene without absorber their
+    absorber or of compliant walls (see `stored_energy`). In a scene without absorber their
     energy is 0.
     """
     modal = 0.5 * (

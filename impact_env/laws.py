@@ -14,8 +14,8 @@ from enum import Enum
 from typing import Any, get_args
 
 from impact_env.checks import (
+    DESCRIPTIONS,
     arguments_called,
-    describe_in_errors,
     instance,
     one_of,
     require,
@@ -230,14 +230,6 @@ def kind(absorber: Absorber | None) -> SceneKind:
     return next((find_law(law).kind for law in list_laws(absorber)), SceneKind.LINEAR)
 
 
-def compute_spring_energy(absorber: Absorber | None, displacement: float) -> float:
-    """Return the energy in J of an absorber's springs at a relative displacement in m.
-
-    The energy is 0 for several absorbers, whose contact is rigid.
-    """
-    return sum(find_law(law).stored(law, displacement) for law in list_laws(absorber))
-
-
 def concept(absorber: Absorber | None) -> str:
     """Return the name in `CONCEPTS` of one absorber, or of a scene without absorber."""
     if isinstance(absorber, SlidingAbsorber):
@@ -303,7 +295,7 @@ def describe(value: Any) -> str:
 
 
 for _kind in (*_ENTRIES, *get_args(Absorber)):
-    describe_in_errors(_kind, describe)
+    DESCRIPTIONS[_kind] = describe
 
 
 def _choose_law(laws: tuple[Law, ...], values: Values) -> Law:

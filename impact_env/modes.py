@@ -118,16 +118,6 @@ def assemble_matrices(beam: Beam) -> tuple[Real, Real]:
     return mass[free], stiffness[free]
 
 
-def compute_base_load(beam: Beam) -> Real:
-    """Return M r in kg over the freedoms of `find_free_freedoms`.
-
-    r is the unit displacement of the whole beam with its supports, whose masses are part of M.
-    """
-    shift = np.zeros(2 * beam.elements + 2)
-    shift[0::2] = 1
-    return np.asarray((_assemble_unsupported(beam)[0] @ shift)[find_free_freedoms(beam)])
-
-
 def _assemble_unsupported(beam: Beam) -> tuple[Real, Real]:
     """Return mass and stiffness matrices of the beam without supports."""
     element = beam.length / beam.elements
@@ -399,15 +389,6 @@ class ModalModel:
             force_quadrature=None if standing else pattern.imag,
         )
 
-    def force_pattern_at(self, place: str | None) -> NDArray[np.complex128]:
-        """Return the complex modal shape (N_m,) of a force at a place of `with_force_places`.
-
-        For None it is the shape of the structure's own force.
-        """
-        if place is None:
-            return self.force_pattern
-        return self.find_force_place(place).astype(np.complex128)
-
     def with_force_places(self, places: Mapping[str, ArrayLike]) -> ModalModel:
         """Return the model with places for loads of their own, such as a record for each.
 
@@ -569,7 +550,7 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
     if positions is not None:
         positions = listed("positions", positions)
         require(len(positions) > 0, "positions", positions, "one or more shares of the length")
-    vectors, squares = _orient_upwards(beam)
+    vectors, squares = solve_modes(beam)
     omega = np.sqrt(squares)[: beam.modes]
     for mode, ratio in beam.modal_frequency_ratio.items():
         omega[mode - 1] = ratio * omega[0]
@@ -580,6 +561,11 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
     elsewhere = (
         beam.response_position is not None and beam.response_position != beam.absorber_position
     )
+    # M r in kg over the free freedoms, where r is the unit displacement of the whole beam with its
+    # supports, whose masses are part of M
+    shift = np.zeros(2 * beam.elements + 2)
+    shift[0::2] = 1
+    base_load = (_assemble_unsupported(beam)[0] @ shift)[find_free_freedoms(beam)]
     return ModalModel(
         omega=omega,
         damping_ratio=np.broadcast_to(np.asarray(beam.damping_ratio, dtype=float), omega.shape),
@@ -592,7 +578,7 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
         response_shape=shape(beam.response_position)
         if elsewhere and beam.response_position is not None
         else None,
-        base_participation=(compute_base_load(beam) @ vectors)[: beam.modes],
+        base_participation=(base_load @ vectors)[: beam.modes],
         beam=beam,
     )
 
@@ -634,20 +620,11 @@ def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
         positions,
         allowed,
     )
-    vectors, _ = _orient_upwards(beam)
+    vectors, _ = solve_modes(beam)
     return np.array([deflection_row(beam, x) @ vectors for x in places])[:, : beam.modes]
 
 
-def nodal_shapes(beam: Beam) -> Real:
-    """Return the beam's mass-normalised modes (., N_m) over the freedoms of `assemble_matrices`.
-
-    `deflection_row` times a mode is its deflection.
-    """
-    vectors, _ = _orient_upwards(instance("beam", beam, Beam))
-    return vectors[:, : beam.modes]
-
-
-def _orient_upwards(beam: Beam) -> tuple[Real, Real]:
+def solve_modes(beam: Beam) -> tuple[Real, Real]:
     """Return all shapes as columns, and the squares of their frequencies in ascending order.
 
     Each shape has the sign with which the tip moves up.

@@ -403,8 +403,8 @@ class RegimePlaces:
 
     ``sets`` is the argument of the run's kernel, which requests the regime of a set if it is not
     stored. ``build`` returns the arrays of a set, as `build_set_regime`. A new set replaces the
-    least recently used one, except the set without joined absorbers, which is the first. Errors of
-    ``build`` and a KeyboardInterrupt are raised by `raise_error`.
+    least recently used one, except the set without joined absorbers, which is the first. ``error``
+    is an error of ``build`` or a KeyboardInterrupt, which the caller of the kernel raises.
     """
 
     def __init__(self, absorbers: int, build: Callable[[Joined], tuple[Real, ...]]) -> None:
@@ -423,7 +423,7 @@ class RegimePlaces:
             new_record(SET_REQUEST, fill_address=address),
         )
         self.sets = Sets._make([*self._arrays, *places])
-        self._error: BaseException | None = None
+        self.error: BaseException | None = None
         self._put(0, free)
 
     def _put(self, place: int, regime: tuple[Real, ...]) -> None:
@@ -442,14 +442,9 @@ class RegimePlaces:
             regime = self._build(tuple(np.flatnonzero(sets.wanted).tolist()))
             self._put(1 + int(np.argmin(sets.last_use[1:])), regime)
         except BaseException as error:  # a function that compiled code calls cannot raise
-            self._error = error
+            self.error = error
             sets.request["failed"] = True
             sets.request["place"] = 0
-
-    def raise_error(self) -> None:
-        """Raise the error that occurred while a regime was computed, if any."""
-        if self._error is not None:
-            raise self._error
 
 
 def _compliance(masses: Real, shapes: Real, joined: list[int]) -> Real:

@@ -637,7 +637,8 @@ class SeveralSolver(Solver):
         taken = Several(places.sets, absorbers, build_losses(scene))
         schedule = build_schedule(scene, drive, _set_layout(scene, wanted).reach)
         status = int(self.lane(taken, schedule, state, observe))
-        places.raise_error()
+        if places.error is not None:
+            raise places.error
         return status
 
     def control(

@@ -5,7 +5,7 @@ They are read from the docstrings of the classes that define the arguments.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, Field, fields
+from dataclasses import MISSING, fields
 from inspect import cleandoc
 from typing import Any, NamedTuple
 
@@ -30,22 +30,15 @@ def read_parameters(kind: type) -> dict[str, str]:
     return result
 
 
-def default_of(field: Field[Any]) -> Any:
-    """Return the default of a dataclass's field."""
-    return field.default if field.default_factory is MISSING else field.default_factory()
-
-
 def list_arguments(kind: type, defaults: Mapping[str, Any]) -> list[Argument]:
     """Return the arguments of a dataclass, with other defaults where ``defaults`` has them."""
     meanings = read_parameters(kind)
-    return [
-        Argument(
-            field.name,
-            repr(defaults.get(field.name, default_of(field))),
-            meanings.get(field.name, ""),
-        )
-        for field in fields(kind)
-    ]
+    arguments = []
+    for field in fields(kind):
+        default = field.default if field.default_factory is MISSING else field.default_factory()
+        default = defaults.get(field.name, default)
+        arguments.append(Argument(field.name, repr(default), meanings.get(field.name, "")))
+    return arguments
 
 
 def list_own_arguments(

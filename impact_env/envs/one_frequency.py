@@ -16,7 +16,7 @@ from impact_env.checks import non_negative, positive, require, word_of
 from impact_env.controlled import friction_limit
 from impact_env.envs.actuators import FrictionActuator
 from impact_env.envs.observation import ACCELERATIONS, KNOWN_TO_CONTROL, STATE_IN_PERIOD, Feature
-from impact_env.envs.reference import mean_power_of_cosine, stationary_amplitude
+from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import Range, check_pair, check_range
 from impact_env.envs.task import (
     Actuator,
@@ -155,7 +155,9 @@ class ResponseReward(Reward):
         largest = amplitude * self.schedule.forces[lane]
         if self.is_fatigue:
             exponent = self.control.fatigue_exponent
-            mean = mean_power_of_cosine(exponent)
+            # the mean of |cos|^exponent over a period
+            mean = math.gamma((exponent + 1) / 2)
+            mean /= math.sqrt(math.pi) * math.gamma(exponent / 2 + 1)
             self._scale[lane] = [
                 (one / lanes.length) ** exponent * mean for one in largest.tolist()
             ]

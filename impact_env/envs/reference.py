@@ -122,8 +122,3 @@ def stationary_amplitude(model: ModalModel, omega: float, moves_base: bool = Fal
         if share != 0:
             total += share / denominator
     return abs(total)
-
-
-def mean_power_of_cosine(exponent: float) -> float:
-    """Return the mean of |cos|^exponent over a period."""
-    return math.gamma((exponent + 1) / 2) / (math.sqrt(math.pi) * math.gamma(exponent / 2 + 1))

@@ -158,25 +158,24 @@ class LaneState(LaneArrays):
 
         Each value is a number, or one for each lane, in the range of its name in ``options``.
         """
-        self._chosen = {
-            name: self._check_option(name, value, *options[name]) for name, value in chosen.items()
-        }
-
-    def _check_option(self, name: str, value: Any, low: float, high: float) -> Array:
-        try:
-            values = np.broadcast_to(np.asarray(value, dtype=np.float64), self.count)
-        except (TypeError, ValueError):
-            values = np.full(self.count, np.nan)
-        whole = isinstance(low, int)  # of a structure or a scene
-        ok = bool(((values >= low) & (values <= high)).all()) and not (whole and np.any(values % 1))
-        kind = "whole number" if whole else "number"
-        require(
-            ok,
-            f"options[{name!r}]",
-            value,
-            f"a {kind} from {low:g} to {high:g}, or one for each of {self.count} lanes",
-        )
-        return values
+        checked = {}
+        for name, value in chosen.items():
+            low, high = options[name]
+            try:
+                values = np.broadcast_to(np.asarray(value, dtype=np.float64), self.count)
+            except (TypeError, ValueError):
+                values = np.full(self.count, np.nan)
+            whole = isinstance(low, int)  # of a structure or a scene
+            inside = bool(((values >= low) & (values <= high)).all())
+            kind = "whole number" if whole else "number"
+            require(
+                inside and not (whole and np.any(values % 1)),
+                f"options[{name!r}]",
+                value,
+                f"a {kind} from {low:g} to {high:g}, or one for each of {self.count} lanes",
+            )
+            checked[name] = values
+        self._chosen = checked
 
     def apply_choice(self, drawn: float, name: str, lane: int) -> float:
         """Return the value that a reset chose for a lane under this name, else the drawn one."""

@@ -458,7 +458,9 @@ def _judge_longer(
         late = _settled_late(case, stretch, done, options, last_impact)
         if late is not None:
             return late
-        exponent = _twin_exponent(case, stretch.states)
+        exponent = exponent_of(_twin_growth(case, stretch.states, STRETCH_LENGTH))
+        if not exponent.value < FAST_GROWTH:
+            exponent = exponent_of(_twin_growth(case, stretch.states, 1))
         points = stretch.states[lead:-1] / unit
         rotation = _find_rotation(stretch, points, options)
         kind = _judge(exponent, rotation, points)
@@ -606,21 +608,13 @@ def _capture_time(passed: Array, last: Array, multiple: int) -> int:
     return int(np.max(np.flatnonzero(far), initial=-1)) + 1
 
 
-def _twin_exponent(case: Case, states: Array) -> Exponent:
-    """Return the largest Lyapunov exponent per period, computed from neighbouring runs.
-
-    The runs begin close to the states (n, d) of a run at phase 0. Each lasts a few periods, and the
-    next one begins at the same small distance in the direction in which the last one ended
-    (Benettin et al., Meccanica 15, 1980).
-    """
-    result = exponent_of(_twin_growth(case, states, STRETCH_LENGTH))
-    if result.value < FAST_GROWTH:
-        return result
-    return exponent_of(_twin_growth(case, states, 1))
-
-
 def _twin_growth(case: Case, states: Array, periods: int) -> Array:
-    """Return the logarithmic growth per period in neighbouring runs of ``periods`` periods each."""
+    """Return the logarithmic growth per period in neighbouring runs of ``periods`` periods each.
+
+    The runs begin close to the states (n, d) of a run at phase 0. Each next one begins at the same
+    small distance in the direction in which the last one ended. The mean growth is the largest
+    Lyapunov exponent per period (Benettin et al., Meccanica 15, 1980).
+    """
     unit = units_of(case)
     rng = np.random.default_rng(0)
     vector = rng.normal(size=len(unit))

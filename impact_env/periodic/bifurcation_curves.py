@@ -59,7 +59,12 @@ from impact_env.periodic.defining_systems import (
     nearest_turn,
     turns_after_first,
 )
-from impact_env.periodic.grazing import confirm_grazing, confirm_loss
+from impact_env.periodic.grazing import (
+    CLEAR_SHARES,
+    SMALL_IMPULSES,
+    compute_weakest_impulse,
+    confirm_nearby,
+)
 from impact_env.periodic.green import (
     ALL_PARAMETERS,
     NoOrbit,
@@ -353,9 +358,11 @@ class BifurcationCurve(ScheduledBranch):
         error.
         """
         if self.kind == LOSS_OF_CONTACT:
-            return confirm_loss(motion)
+            return confirm_nearby(motion, compute_weakest_impulse, SMALL_IMPULSES)
         if self.kind == GRAZING:
-            return confirm_grazing(motion)
+            return confirm_nearby(
+                motion, lambda near: near.clearance / near.solution.case.gap, CLEAR_SHARES
+            )
         values = compute_multipliers(motion)
         if values is not None:
             ends = [np.sum(np.abs(values - side) < DOUBLE_MULTIPLIER_TOL) for side in (1.0, -1.0)]

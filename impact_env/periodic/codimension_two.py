@@ -171,13 +171,6 @@ class CriticalPoint:
         products = others[first] * others[second]
         return float(np.prod((products - 1) / (1 + np.abs(products))).real)
 
-    def has_pair(self) -> bool:
-        """Return whether the two other multipliers whose product is next to 1 are complex."""
-        others = self.others
-        first, second = np.triu_indices(len(others), 1)
-        k = int(np.argmin(np.abs(others[first] * others[second] - 1)))
-        return abs(others[first[k]].imag) > UPPER_TOL
-
     def test(self, label: str) -> float:
         """Return the bounded test function of the special point called ``label``.
 
@@ -245,4 +238,10 @@ def is_special(point: CriticalPoint, label: str) -> bool:
     if not abs(point.test(label)) < ZERO_TOL:
         return False
     needs_pair = label in NEEDS_PAIR and not (point.kind == TORUS and label != DOUBLE_TORUS)
-    return not needs_pair or point.has_pair()
+    if not needs_pair:
+        return True
+    # the two other multipliers whose product is next to 1 must be complex
+    others = point.others
+    first, second = np.triu_indices(len(others), 1)
+    k = int(np.argmin(np.abs(others[first] * others[second] - 1)))
+    return abs(others[first[k]].imag) > UPPER_TOL

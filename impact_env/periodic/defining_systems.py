@@ -34,7 +34,8 @@ MATRIX_DIFFERENCE_STEP = 1e-6  # of the unknowns' scales, for the derivatives of
 def second_compound(matrix: Array) -> Array:
     """Return the second compound of a matrix (n, n), of shape (n (n - 1)/2,)^2.
 
-    It consists of the matrix's minors of two rows and two columns.
+    It consists of the matrix's minors m_ik m_jl - m_il m_jk with i < j and k < l. Its eigenvalues
+    are the products of two eigenvalues of the matrix.
     """
     i, j = np.triu_indices(len(matrix), 1)
     return np.asarray(

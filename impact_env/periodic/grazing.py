@@ -24,24 +24,15 @@ SMALL_IMPULSES = (1e-4, 3e-5, 3e-4, 1e-3)  # scaled
 NEAR_ENOUGH = 0.5  # of the clearance or impulse sought
 
 
-def confirm_grazing(motion: Motion) -> Orbit | NoOrbit:
-    """Return the orbit next to one that touches a wall without impact, or why there is none."""
-    return _confirm_nearby(motion, lambda at: at.clearance / at.solution.case.gap, CLEAR_SHARES)
-
-
-def confirm_loss(motion: Motion) -> Orbit | NoOrbit:
-    """Return the orbit next to one that has an impact of zero velocity, or why there is none."""
-    return _confirm_nearby(motion, _weakest_impulse, SMALL_IMPULSES)
-
-
-def _weakest_impulse(motion: Motion) -> float:
+def compute_weakest_impulse(motion: Motion) -> float:
+    """Return the smallest impulse of a motion's impacts, scaled; it is negative if a wall pulls."""
     solution = motion.solution
     wall = solution.schedule.order.wall
     pushes = -wall[wall != 0] * solution.impulses[wall != 0]
     return float(np.min(pushes)) / solution.case.scale.impulse
 
 
-def _confirm_nearby(
+def confirm_nearby(
     motion: Motion, value_of: Callable[[Motion], float], wanted: Sequence[float]
 ) -> Orbit | NoOrbit:
     """Return the orbit confirmed at a force close to that of a motion.

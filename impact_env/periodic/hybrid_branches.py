@@ -440,21 +440,12 @@ def _explain_end(branch: Branch, trajectory: HybridTrajectory) -> Branch:
     at = f"{branch.parameter} = {branch.parameters[-1]:.6g}"
     if compute_graze(trajectory) < GRAZING_SHARE:
         return replace(branch, ended=GRAZE_AT_END, message=f"an impact grazes a wall next to {at}")
-    if compute_coincidence(trajectory) < COINCIDENCE:
+    impacts = [event for event in trajectory.events if event.kind == IMPACT]
+    times = [b.time - a.time for a, b in pairwise(impacts) if a.absorber != b.absorber]
+    if trajectory.case.omega * min(times, default=math.inf) < COINCIDENCE:
         message = f"impacts of two absorbers come to one instant next to {at}"
         return replace(branch, ended=COINCIDENT_IMPACTS, message=message)
     return branch
-
-
-def compute_coincidence(trajectory: HybridTrajectory) -> float:
-    """Return the least time between impacts of two absorbers, as a phase of the force in rad.
-
-    Infinite without such impacts.
-    """
-    impacts = [event for event in trajectory.events if event.kind == IMPACT]
-    pairs = pairwise(impacts)
-    times = [b.time - a.time for a, b in pairs if a.absorber != b.absorber]
-    return trajectory.case.omega * min(times, default=math.inf)
 
 
 def is_same_place(one: LocatedOrbit, other: LocatedOrbit, parameter: str) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.checks import ParameterError, number, require
-from impact_env.modes import ModalModel, deflection_row, nodal_shapes
+from impact_env.modes import ModalModel, deflection_row, solve_modes
 from impact_env.parameters import MOST_DAMPING, Beam
 
 Array = NDArray[np.float64]
@@ -118,7 +118,9 @@ class _ByContent:
 
 @lru_cache(maxsize=16)
 def _nodal_shapes(key: _ByContent) -> Array:
-    return nodal_shapes(replace(key.beam, absorber_position=ANY_POSITION))
+    """Return the mass-normalised modes (., N_m) kept of a beam over its free freedoms."""
+    beam = replace(key.beam, absorber_position=ANY_POSITION)
+    return solve_modes(beam)[0][:, : beam.modes]
 
 
 def domain_of(model: ModalModel, name: str) -> tuple[float, float]:

@@ -82,7 +82,8 @@ def find_critical_vectors(matrix: Array, multiplier: complex) -> CriticalVectors
 def fold_coefficient(forms: MapForms, vectors: CriticalVectors) -> float:
     """Return b of w -> w + b w^2 at a fold, where w is the amplitude of q.
 
-    The sign of b changes with that of q.
+    b = <p, B(q, q)>/2, divided by the norm of q (see the module). The sign of b changes with that
+    of q.
     """
     q = vectors.right
     return float(0.5 * vectors.left @ forms.second(q, q)) / forms.norm(q)

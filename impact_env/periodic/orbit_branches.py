@@ -165,12 +165,15 @@ class OrbitBranch(ScheduledBranch):
     def of(self, kind: str) -> tuple[Motion, ...]:
         """Return the motions at the special points of a kind, such as `GRAZING`.
 
-        Bifurcations of another branch, from which this branch emerges, are not included.
+        Bifurcations of another branch, from which this branch emerges, are not included: their
+        orbits have another symmetry or another number of periods.
         """
         return tuple(
             motion_of(solution)
             for each, solution in self.places()
-            if each == kind and not self.is_birth(solution)
+            if each == kind
+            and solution.schedule.symmetric == self.schedules[0].symmetric
+            and solution.schedule.period_multiple == self.schedules[0].period_multiple
         )
 
     def starts(self, kind: str) -> tuple[Solution, ...]:
@@ -189,12 +192,6 @@ class OrbitBranch(ScheduledBranch):
                 and find_objection(kind, motion_of(each.solution)) is None
             ),
         )
-
-    def is_birth(self, solution: Solution) -> bool:
-        """Return whether a special point's solution is the orbit from which this branch emerges."""
-        own = self.schedules[0]
-        other = solution.schedule
-        return (own.symmetric, own.period_multiple) != (other.symmetric, other.period_multiple)
 
 
 def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:

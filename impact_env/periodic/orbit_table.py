@@ -93,17 +93,6 @@ def read_orbit(plain: Plain) -> dict[str, object]:
     return known
 
 
-def orbit_rows(orbits: Iterable[Plain]) -> Iterator[Row]:
-    """Yield a row for each orbit in its plain form.
-
-    An entry with ``kind`` and ``orbit`` is a fold, birth or merger and gets a row as well.
-    """
-    for number, plain in enumerate(orbits, 1):
-        own = plain.get(ORBIT, plain)
-        head = {"number": number, "kind": plain.get("kind", ORBIT)}
-        yield make_row({**read_orbit(own), **head})
-
-
 def _orbits_of(curve: Plain, points: int) -> list[dict[str, Any] | None]:
     """Return the orbit of each point of a curve's plain form.
 

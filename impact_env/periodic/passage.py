@@ -358,20 +358,15 @@ class _TrajectoryBuilder:
 
     def follow(self, state: Array, run: Response) -> None:
         """Go through the events of the exact method's run from a ``state`` at its start."""
-        self._begin_piece(self.free, 0.0, state, self._first_direction(state))
+        # sign of the relative velocity just after the start, or else of the relative acceleration
+        direction = int(np.sign(self.speed @ state))
+        if direction == 0:
+            bend = self._piece(self.free, 0.0, state, 1).bend(0.0, state)
+            direction = 1 if bend > 0 else -1
+        self._begin_piece(self.free, 0.0, state, direction)
         for mark in _list_run_events(self.case, run):
             self._follow_event(mark)
         self.trajectory.end = self._advance(self.trajectory.span)[1]
-
-    def _first_direction(self, state: Array) -> int:
-        """Return the sign of the relative velocity just after the start.
-
-        Without relative velocity it is the sign of the relative acceleration.
-        """
-        sign = int(np.sign(self.speed @ state))
-        if sign == 0:
-            sign = 1 if self._piece(self.free, 0.0, state, 1).bend(0.0, state) > 0 else -1
-        return sign
 
     def _follow_event(self, mark: _RunEvent) -> None:
         piece, state, bend = self._advance(mark.time)

@@ -120,7 +120,7 @@ def _rotation_on_circle(points: Array) -> tuple[float, float] | None:
         return None
     half = len(increments) // 2
     whole, first, second = (
-        _weighted_mean(part) / (2 * np.pi)
+        _compute_birkhoff_average(part) / (2 * np.pi)
         for part in (increments, increments[:half], increments[half:])
     )
     value = abs(whole) % 1
@@ -143,8 +143,11 @@ def _lifted_increments(angles: Array) -> Array | None:
     return np.asarray((increments - cut) % (2 * np.pi) + cut)
 
 
-def _weighted_mean(values: Array) -> float:
-    """Return the mean of values (n,) with the weight exp(-1/(t (1 - t))) at t = k/(n + 1)."""
+def _compute_birkhoff_average(values: Array) -> float:
+    """Return the weighted Birkhoff average of values (n,).
+
+    It is their mean with the weight exp(-1/(t (1 - t))) at t = k/(n + 1), k from 1.
+    """
     t = np.arange(1, len(values) + 1) / (len(values) + 1)
     weight = np.exp(-1 / (t * (1 - t)))
     return float(weight @ values / weight.sum())

@@ -15,7 +15,6 @@ from impact_env.kernels.periodic.closed_form import (
     compute_fold,
     compute_line,
     compute_phase,
-    fill_closed_forms,
     fill_fold_forces,
     solve_impulses,
 )
@@ -68,17 +67,6 @@ def closed_form(case: Case) -> tuple[ClosedForm, ...]:
     return tuple(
         ClosedForm(case, p, compute_phase(line, case.force, p)) for p in roots if np.isfinite(p)
     )
-
-
-def closed_form_branches(case: Case, omegas: ArrayLike) -> Array:
-    """Return impulse (N s) and phase (rad) of both branches, (M, 4).
-
-    The frequencies (M,) are in rad/s. Rows are NaN where no orbit exists.
-    """
-    at = np.ascontiguousarray(omegas, dtype=float)
-    out = np.empty((len(at), 4))
-    fill_closed_forms(case.structure, case.point, at, out)
-    return out
 
 
 def fold_force(case: Case, omegas: ArrayLike) -> Array:

@@ -130,15 +130,14 @@ NOT_LOAD_HEADERS = re.compile(
 )
 
 
-def _is_time(label: Label) -> bool:
-    return TIME_HEADERS.fullmatch(label.name) is not None or (
-        label.unit is not None and label.unit.dimension == TIME_DIMENSION
-    )
-
-
 def _find_times(file: Path, options: RecordOptions, labels: Sequence[Label]) -> int | None:
     """Return the index of the column of times, None if the file has none."""
-    named = [k for k, label in enumerate(labels) if _is_time(label)]
+    named = [
+        k
+        for k, label in enumerate(labels)
+        if TIME_HEADERS.fullmatch(label.name) is not None
+        or (label.unit is not None and label.unit.dimension == TIME_DIMENSION)
+    ]
     require(
         len(named) <= 1, f"{file.name}: columns of times", [labels[k].text for k in named], "one"
     )

@@ -120,12 +120,6 @@ def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> Text
     return TextTable(heads[0], units, separator, first)
 
 
-def _to_number(cell: str, decimal: str) -> float:
-    """Return a cell's number, NaN for anything else."""
-    text = cell.replace(",", ".") if decimal == "," else cell
-    return float(text) if NUMBER_PATTERN.fullmatch(text) else math.nan
-
-
 def _read_rows(file: Path, lines: Sequence[str], table: TextTable) -> Iterator[list[float]]:
     """Yield the numbers of each row.
 
@@ -152,7 +146,10 @@ def _read_rows(file: Path, lines: Sequence[str], table: TextTable) -> Iterator[l
                     "numbers with one decimal mark throughout, and no marks of thousands",
                 )
                 decimal = mark
-        numbers = [_to_number(cell, decimal) for cell in cells]
+        numbers = []
+        for cell in cells:
+            number = cell.replace(",", ".") if decimal == "," else cell
+            numbers.append(float(number) if NUMBER_PATTERN.fullmatch(number) else math.nan)
         require(all(map(math.isfinite, numbers)), row, excerpt, "finite numbers, no gap")
         yield numbers
 

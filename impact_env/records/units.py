@@ -120,16 +120,6 @@ def _in_table(table: dict[str, float], text: str) -> float | None:
     return alike[0] if len(alike) == 1 else None
 
 
-def _has_two_meanings(text: str) -> bool:
-    """Return whether a text is the name of two units if case is ignored.
-
-    For example, mn is millinewton and meganewton.
-    """
-    plain = _plain_text(text)
-    alike = [name for name in FORCE_UNITS if name.casefold() == plain.casefold()]
-    return plain not in FORCE_UNITS and len(alike) > 1
-
-
 def find_unit(text: str) -> Unit | None:
     """Return the unit that a text denotes, None for an unknown one."""
     plain = _plain_text(text)
@@ -266,16 +256,6 @@ CLOCK_NAMES = re.compile(
 LOAD_NAMES = re.compile(r"(acc|beschl|force|kraft|load)", re.IGNORECASE)
 
 
-def _is_no_clock(name: str, unit: str) -> bool:
-    """Return whether a unit of time at the end of a name is a part of the name.
-
-    An example is the h of acc_h. The name has no brackets.
-    """
-    if LOAD_NAMES.match(name):
-        return True
-    return unit.lower() in ("h", "min") and CLOCK_NAMES.fullmatch(name.strip(" _")) is None
-
-
 def read_label(text: str) -> Label:
     """Return a column's label with its name and unit.
 
@@ -305,8 +285,11 @@ def read_label(text: str) -> Label:
             continue
         before = label[: separator.start()]
         unit = find_unit(tail)
-        if unit is not None and unit.dimension == TIME_DIMENSION and _is_no_clock(before, tail):
-            continue  # acc_h is a horizontal acceleration, acc_min a smallest one
+        if unit is not None and unit.dimension == TIME_DIMENSION:
+            # acc_h is a horizontal acceleration, acc_min a smallest one
+            is_clock = CLOCK_NAMES.fullmatch(before.strip(" _")) is not None
+            if LOAD_NAMES.match(before) or (tail.lower() in ("h", "min") and not is_clock):
+                continue
         prefix = PREFIX.search(before)
         if unit is not None and prefix is not None:
             return Label(label, before, None, label[prefix.start() :])
@@ -315,6 +298,9 @@ def read_label(text: str) -> Label:
         is_factor = is_divided or MULTIPLE_PATTERN.fullmatch(_plain_text(tail)) is None
         if unit is not None:
             return Label(label, before, unit if is_factor else None, None if is_factor else tail)
-        if _has_two_meanings(tail):
+        # the name of two units if case is ignored: mn is millinewton and meganewton
+        plain = _plain_text(tail)
+        alike = [name for name in FORCE_UNITS if name.casefold() == plain.casefold()]
+        if plain not in FORCE_UNITS and len(alike) > 1:
             return Label(label, before, None, tail)
     return Label(label, label, None, _unit_between(label))

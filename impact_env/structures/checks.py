@@ -67,25 +67,6 @@ def list_matrix_warnings(diagonal: Real, mass: float, places: Mapping[str, int])
     return result
 
 
-def find_unmoved_resonances(model: ModalModel, rigid: int = 0) -> list[int]:
-    """Return the resonances (from 1) whose modes move none of the places in use.
-
-    The places are those of force, absorbers and response.
-
-    A place counts as unmoved where the mode's shape times the root of the structure's mass is below
-    1e-3. ``rigid``: how many of the first modes are motions on a suspension, which are left out.
-
-    Examples
-    --------
-    >>> from impact_env.modes import ModalModel
-    >>> find_unmoved_resonances(ModalModel([10.0, 20.0], [0.01, 0.01], [1.0, 0.0], [1.0, 0.0], 1.0))
-    [2]
-    """
-    rows = np.vstack([model.force_shape, model.places, model.tip_shape, model.level_shape])
-    most = np.max(np.abs(rows), axis=0) * np.sqrt(model.beam_mass)
-    return [k + 1 for k in range(rigid, model.modes) if most[k] < STILL_TOL]
-
-
 def list_warnings(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> list[str]:
     """Return a sentence for every implausible property of a model.
 
@@ -103,12 +84,15 @@ def list_warnings(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -
             f"a damping ratio of {damping:.3g} is {100 * damping:.3g} %: was it given in percent?"
         )
     result += [*_scaling(model, rigid), *_doubles(model, rigid)]
-    for resonance in find_unmoved_resonances(model, rigid):
-        hertz = float(model.omega[resonance - 1]) / (2 * np.pi)
-        result.append(
-            f"resonance {resonance} at {hertz:.5g} Hz moves none of the places of force, "
-            "absorber and response: are they the right ones?"
-        )
+    rows = np.vstack([model.force_shape, model.places, model.tip_shape, model.level_shape])
+    largest = np.max(np.abs(rows), axis=0) * np.sqrt(model.beam_mass)
+    for k in range(rigid, model.modes):
+        if largest[k] < STILL_TOL:
+            hertz = float(model.omega[k]) / (2 * np.pi)
+            result.append(
+                f"resonance {k + 1} at {hertz:.5g} Hz moves none of the places of force, "
+                "absorber and response: are they the right ones?"
+            )
     for name, row in (
         ("force", model.force_shape),
         ("absorber", model.tip_shape),

@@ -29,6 +29,7 @@ from impact_env.periodic.hybrid_orbit import (
     HybridOrbit,
     NoHybridOrbit,
     find_hybrid_orbits,
+    plain_hybrid_orbit,
 )
 from impact_env.periodic.isolas import find_folds, find_thresholds
 from impact_env.periodic.offspring import all_orbits_over, descendants
@@ -73,11 +74,12 @@ from optimisation.executors import stages_bar
 from optimisation.report.orbit_report import (
     CurveParameter,
     count_reasons,
+    hybrid_table,
     make_branch_report,
     make_curve_report,
     make_fold_report,
-    make_hybrid_report,
     make_orbit_report,
+    make_orbit_table_report,
     make_threshold_report,
 )
 from optimisation.report.report import Report
@@ -544,7 +546,11 @@ def hybrid_orbits(case: HybridCase, options: OrbitOptions) -> OrbitResults:
     refused = [result.reason for result in results if isinstance(result, NoHybridOrbit)]
     notes = count_reasons(refused, "runs lead to")
     if not options.along:
-        return OrbitResults(make_hybrid_report(orbits, notes), complete[0])
+        stable = sum(orbit.stable for orbit in orbits)
+        lines = [f"{len(orbits)} orbits, {stable} of them stable.", *notes]
+        plain = [plain_hybrid_orbit(orbit) for orbit in orbits]
+        report = make_orbit_table_report("Periodic orbits", [[hybrid_table(orbits)], lines], plain)
+        return OrbitResults(report, complete[0])
     over_force = options.along == "force"
     key = "force_N" if over_force else "omega_ratio"
     reference = 1.0 if over_force else float(case.scene.model.omega[0])

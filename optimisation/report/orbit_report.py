@@ -20,13 +20,20 @@ from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING,
 from impact_env.periodic.branch import FOLD
 from impact_env.periodic.codimension_two import CODIMENSION_TWO
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.hybrid_orbit import HybridOrbit, count_events, plain_hybrid_orbit
+from impact_env.periodic.hybrid_orbit import HybridOrbit, count_events
 from impact_env.periodic.hybrid_trajectory import REVERSAL, STICK
 from impact_env.periodic.isolas import Threshold
 from impact_env.periodic.normal_forms import SUBCRITICAL, SUPERCRITICAL
 from impact_env.periodic.orbit import Orbit, plain_orbit
 from impact_env.periodic.orbit_branches import GRAZING, PULLING
-from impact_env.periodic.orbit_table import ORBIT_COLUMNS, bifurcation_rows, branch_rows, orbit_rows
+from impact_env.periodic.orbit_table import (
+    ORBIT,
+    ORBIT_COLUMNS,
+    bifurcation_rows,
+    branch_rows,
+    make_row,
+    read_orbit,
+)
 from impact_env.periodic.response_curve import ResponseCurve
 from impact_env.periodic.survey import OrbitSearch
 from optimisation.measures import shorten_numbers
@@ -77,8 +84,13 @@ class CurveParameter:
     scale: float = 1.0
 
 
-def _orbit_report(title: str, text: Sequence[Block], plain: list[Json]) -> Report:
-    rows = list(orbit_rows(plain))
+def make_orbit_table_report(title: str, text: Sequence[Block], plain: list[Json]) -> Report:
+    """Return a report with a table of orbits, folds, births or mergers in their plain forms."""
+    rows = []
+    for number, entry in enumerate(plain, 1):
+        # an orbit, or a fold, birth or merger with its kind and its orbit
+        head = {"number": number, "kind": entry.get("kind", ORBIT)}
+        rows.append(make_row({**read_orbit(entry.get(ORBIT, entry)), **head}))
     return Report(
         title=title,
         text=text,
@@ -108,18 +120,7 @@ def make_orbit_report(searches: Sequence[OrbitSearch]) -> Report:
         }
         for group, orbit in orbits
     ]
-    return _orbit_report("Periodic orbits", [[orbit_table(searches)], lines], plain)
-
-
-def make_hybrid_report(orbits: Sequence[HybridOrbit], notes: Sequence[str]) -> Report:
-    """Return what `periodic orbits` prints and writes for several absorbers or springs.
-
-    ``notes`` are lines below the table.
-    """
-    stable = sum(orbit.stable for orbit in orbits)
-    lines = [f"{len(orbits)} orbits, {stable} of them stable.", *notes]
-    plain = [plain_hybrid_orbit(orbit) for orbit in orbits]
-    return _orbit_report("Periodic orbits", [[hybrid_table(orbits)], lines], plain)
+    return make_orbit_table_report("Periodic orbits", [[orbit_table(searches)], lines], plain)
 
 
 def orbit_table(searches: Sequence[OrbitSearch]) -> Table:
@@ -284,7 +285,7 @@ def make_fold_report(located: Sequence[Threshold]) -> Report:
     ]
     refused = [fold.orbit for fold in located if isinstance(fold.orbit, NoOrbit)]
     notes = refusals(refused, "folds of the closed form lead to")
-    return _orbit_report("Folds of periodic orbits", [[table, *notes]], plain)
+    return make_orbit_table_report("Folds of periodic orbits", [[table, *notes]], plain)
 
 
 def make_threshold_report(thresholds: Sequence[Threshold]) -> Report:
@@ -315,7 +316,7 @@ def make_threshold_report(thresholds: Sequence[Threshold]) -> Report:
     ]
     refused = [level.orbit for level in thresholds if isinstance(level.orbit, NoOrbit)]
     notes = refusals(refused, "level places of the closed form lead to")
-    return _orbit_report("Births and mergers of isolas", [[table, *notes]], plain)
+    return make_orbit_table_report("Births and mergers of isolas", [[table, *notes]], plain)
 
 
 def make_branch_report(

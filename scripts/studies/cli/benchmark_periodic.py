@@ -13,6 +13,7 @@ import click
 import numpy as np
 
 from impact_env import Beam, modal_model
+from impact_env.kernels.periodic.closed_form import fill_closed_forms
 from impact_env.periodic.balance_branches import BALANCE_STEPS, frequency_problem, start_of_orbit
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps, follow_both_ways
@@ -29,7 +30,6 @@ from impact_env.periodic.symmetric import (
     LEAST_GRID_POINTS,
     closed_folds,
     closed_form,
-    closed_form_branches,
     find_level_places,
     map_frequencies,
     symmetric_schedule,
@@ -128,12 +128,13 @@ def closed_form_line(modes: int, friction: float, repeats: int) -> Json:
     case = case_at(modes, 1.0, 3.0, 1.0, friction)
     count = 1000
     omegas = np.linspace(0.9, 1.06, count) * case.omega
+    impulses_and_phases = np.empty((count, 4))
     return timed(
         f"closed form, both branches, {modes} modes",
         2.0,
         "us",
         repeats,
-        lambda: closed_form_branches(case, omegas),
+        lambda: fill_closed_forms(case.structure, case.point, omegas, impulses_and_phases),
         count,
     )
 
