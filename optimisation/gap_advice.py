@@ -507,11 +507,6 @@ class GapRuns:
             self.curves.get(None, nothing),
         )
 
-    def forget_gaps(self) -> None:
-        """Forget the runs with an absorber, whose other numbers have changed."""
-        self.curves = {step: curve for step, curve in self.curves.items() if step is None}
-        self.speeds = {step: speed for step, speed in self.speeds.items() if step is None}
-
 
 def search_gap(
     case: LoadCase,
@@ -768,7 +763,9 @@ def _choose_free(
             fast.absorber = replace(
                 usual, friction=None if friction is None else friction_law(value * friction.limit)
             )
-        fast.forget_gaps()
+        # only runs without absorber (step None) are the same for another value
+        fast.curves = {n: curve for n, curve in fast.curves.items() if n is None}
+        fast.speeds = {n: speed for n, speed in fast.speeds.items() if n is None}
         try:
             logs = bracket(
                 lambda n: math.log(float(fast.levels(n, 1)[0])),

@@ -332,21 +332,14 @@ def search_gaps(
         if robust in checked:
             return
         checked.add(robust)
-        run_members(narrower_step(samples, robust, tolerance), max(CHECK_MEMBERS, members))
+        # by the scaling law a narrower gap has the level, over the force, of this gap under the
+        # largest force of the tolerance; a step that was run takes its place if it is close
+        narrower = robust - math.log1p(tolerance) / STEP
+        nearest = min(samples.levels, key=lambda n: abs(n - narrower))
+        if abs(nearest - narrower) <= SAME_STEP_TOL:
+            narrower = nearest
+        run_members(narrower, max(CHECK_MEMBERS, members))
         add_members(pairs + CHECK_PAIRS, neighbours=False)
-
-
-def narrower_step(samples: LevelSamples, step: float, tolerance: float) -> float:
-    """Return the step with the level of a gap under the largest force of the tolerance.
-
-    By the scaling law it is the step of a narrower gap, and its level is that level divided by the
-    force.
-
-    A step that was run and differs by less than `SAME_STEP_TOL` takes its place.
-    """
-    narrower = step - math.log1p(tolerance) / STEP
-    nearest = min(samples.levels, key=lambda n: abs(n - narrower))
-    return nearest if abs(nearest - narrower) <= SAME_STEP_TOL else narrower
 
 
 def _neighbours(

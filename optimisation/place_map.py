@@ -97,12 +97,6 @@ class Places:
             response_shape=None if np.array_equal(own, level) else level,
         )
 
-    def structure_at(self, k: int) -> Structure:
-        """Return the structure with the absorber at place ``k``."""
-        if not isinstance(self.structure, Beam):
-            return self.model_at(k)
-        return replace(self.structure, absorber_position=float(self.names[k]))
-
     def word(self, k: int) -> str:
         """Return a place in words."""
         if isinstance(self.structure, Beam):

@@ -29,7 +29,6 @@ from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import Member, default_rate, linear_sweep
 from impact_env.ensemble import Executor, Lane, Members, Threads, draw_members
 from impact_env.fields import check_fields
-from impact_env.loads import Loads
 from impact_env.methods import Exact
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
@@ -406,9 +405,17 @@ class Problem:
         rate: float,
     ) -> Chunk:
         if condition.loads is not None:
+            # random parts (records, phases of tones) follow from the member's phase, so that no two
+            # members share them
+            numbers = np.asarray(ensemble.phases, dtype=np.float64).view(np.uint64).tolist()
+            members = zip(numbers, ensemble.phases.tolist(), ensemble.factors.tolist(), strict=True)
             lanes = tuple(
-                Lane(scene, drive, steady_start=True)
-                for drive in scaled_loads(condition.loads, condition.force, ensemble)
+                Lane(
+                    scene,
+                    condition.loads.member(Member(number, phase, condition.force * factor)),
+                    steady_start=True,
+                )
+                for number, phase, factor in members
             )
             return Chunk(
                 lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent
@@ -567,17 +574,6 @@ class Problem:
         The number grows with the violation.
         """
         return self.cost(score) if score.feasible else PENALTY * (1 + min(score.violation, PENALTY))
-
-
-def scaled_loads(loads: Loads, factor: float, ensemble: Members) -> list[Loads]:
-    """Return each member's loads.
-
-    Their random parts (records, phases of tones) follow from the member's phase, so that no two
-    members share them.
-    """
-    numbers = np.asarray(ensemble.phases, dtype=np.float64).view(np.uint64).tolist()
-    pairs = zip(numbers, ensemble.phases.tolist(), ensemble.factors.tolist(), strict=True)
-    return [loads.member(Member(number, phase, factor * own)) for number, phase, own in pairs]
 
 
 def run_chunks(

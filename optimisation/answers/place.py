@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from impact_env.ensemble import Executor, Threads
 from impact_env.modes import Structure
+from impact_env.parameters import Beam
 from optimisation.absorber_rules import simulate_baselines
 from optimisation.contact import MaterialPair
 from optimisation.frequency_levels import (
@@ -61,7 +62,13 @@ class PlaceAnswer(CompleteAnswer):
         best = self.advice.recommended
         if best is None:
             return None
-        return device_scene(self.advice.places.structure_at(best.place), best.absorber)
+        places = self.advice.places
+        structure = places.structure
+        if isinstance(structure, Beam):
+            structure = replace(structure, absorber_position=float(places.names[best.place]))
+        else:
+            structure = places.model_at(best.place)
+        return device_scene(structure, best.absorber)
 
     def worst_run(self) -> WorstRun | None:
         """Return the recommended device's recorded run with the highest level.

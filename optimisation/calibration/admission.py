@@ -93,16 +93,6 @@ def require_rate(measurement: RecordMeasurement, model: ModalModel, resonance: i
     )
 
 
-def predict_linear(measurement: RecordMeasurement, model: ModalModel, resonance: int) -> Array:
-    """Return the response (K,) to a record's load of the structure without absorber.
-
-    It is the response at the record's sensor, without noise.
-    """
-    loads, samples = loads_on_clock(measurement, model.resonance_omega(resonance))
-    record = Record(level=False, series=True, samples_per_period=samples)
-    return read_sensor(simulate(Scene(model), loads, record=record), measurement)
-
-
 def require_plausible_record(
     measurement: RecordMeasurement, model: ModalModel, resonance: int
 ) -> None:
@@ -135,14 +125,21 @@ def compare_with_linear(
     """Return correlation and ratio of a record's response and that of the structure alone.
 
     The correlation is that of `compare_responses`. The ratio is the root mean square of the
-    measured response over that of the structure alone.
+    measured response over that of the structure alone, both in the usable band. The structure's
+    response is that at the record's sensor under the record's load, without noise.
     """
-    predicted = predict_linear(measurement, model, resonance)
+    loads, samples = loads_on_clock(measurement, model.resonance_omega(resonance))
+    record = Record(level=False, series=True, samples_per_period=samples)
+    predicted = read_sensor(simulate(Scene(model), loads, record=record), measurement)
     lowest = LOWEST_SHARE * float(np.min(model.omega)) / (2 * np.pi)
-    own, alone = (
-        _usable_rms(values, measurement.rate, lowest)
-        for values in (measurement.response, predicted)
-    )
+    root_mean_squares = []
+    for values in (measurement.response, predicted):
+        spectrum = np.abs(scipy.fft.rfft(values - np.mean(values)))
+        hertz = scipy.fft.rfftfreq(len(values), 1 / measurement.rate)
+        inside = (hertz >= lowest) & (hertz < USABLE_SHARE * measurement.rate)
+        square = 2 * np.sum(spectrum[inside] ** 2)
+        root_mean_squares.append(float(np.sqrt(square) / len(values)))
+    own, alone = root_mean_squares
     return compare_responses(measurement, predicted), own / max(alone, 1e-300)
 
 
@@ -235,14 +232,6 @@ def require_reachable_gap(
             f"absorber moves by {largest:.3g} m there"
         ),
     )
-
-
-def _usable_rms(values: Array, rate: float, lowest: float) -> float:
-    """Return the root mean square of a signal in the usable band."""
-    spectrum = np.abs(scipy.fft.rfft(values - np.mean(values)))
-    hertz = scipy.fft.rfftfreq(len(values), 1 / rate)
-    inside = (hertz >= lowest) & (hertz < USABLE_SHARE * rate)
-    return float(np.sqrt(2 * np.sum(spectrum[inside] ** 2)) / len(values))
 
 
 def compare_responses(measurement: RecordMeasurement, predicted: Array) -> float:

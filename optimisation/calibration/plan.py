@@ -185,4 +185,5 @@ def order_sweeps(
 
 
 def _shift_progress(progress: Progress, before: int, total: int) -> Progress:
+    """Return a progress function of a sweep that reports all sweeps, ``before`` runs done."""
     return lambda done, _all: progress(min(before + done, total), total)

@@ -183,16 +183,6 @@ def tail_probabilities(distances: Array) -> Array:
     return np.asarray((len(distances) - below) / len(distances))
 
 
-def combine_distances(distances: Array) -> float:
-    """Return the p-value of the last of N + 1 sets of K distances.
-
-    It is the probability that the most unusual of its K distances is at least as unusual, if the
-    last set is drawn from the same distribution as the others. ``distances`` is (K, N + 1).
-    """
-    least = np.min([tail_probabilities(one) for one in distances], axis=0)
-    return float(np.mean(least <= least[-1]))
-
-
 def compare_statistics(
     statistics: Sequence[Statistic],
     simulated: Array,
@@ -230,13 +220,17 @@ def compare_statistics(
     if contradiction is not None:
         distances = np.vstack([distances, contradiction])
         differ = float(tail_probabilities(contradiction)[-1])
+    # probability that the most unusual distance of the measurement is at least as unusual, if its
+    # distances are drawn from the same distribution as those of the simulations
+    least = np.min([tail_probabilities(one) for one in distances], axis=0)
+    p_value = float(np.mean(least <= least[-1]))
     drawn = simulated if replicates is None else replicates
     return PredictiveCheck(
         tuple(statistics),
         observed,
         np.quantile(drawn, [0.05, 0.5, 0.95], axis=0),
         own_rest / standardise(rest)[1],
-        combine_distances(distances),
+        p_value,
         log_density(drawn, observed),
         len(simulated),
         contradiction=differ,

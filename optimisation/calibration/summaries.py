@@ -165,17 +165,14 @@ def plan_record_summary(
     periods = (size - 1) / rate * own
     number = int(np.clip(periods / BIN_PERIODS, LEAST_BINS, MOST_BINS))
     edges = np.linspace(0, size, number + 1).round().astype(np.int64)
-    bin_hz = np.array(
-        [_crossing_frequency(measurement.load.values[a:b], rate) for a, b in pairwise(edges)]
-    )
-    summary = RecordSummary(measurement, edges, bin_hz, resonant, higher, bands, 1 / own)
+    bin_hz = []  # half the number of sign changes of the load a second
+    for a, b in pairwise(edges):
+        values = measurement.load.values[a:b]
+        signs = np.signbit(values - np.mean(values))
+        changes = float(np.sum(signs[1:] != signs[:-1]))
+        bin_hz.append(changes * rate / (2 * max(len(values) - 1, 1)))
+    summary = RecordSummary(measurement, edges, np.array(bin_hz), resonant, higher, bands, 1 / own)
     return replace(summary, statistics=_name_statistics(summary))
-
-
-def _crossing_frequency(values: Array, rate: float) -> float:
-    """Return half the number of sign changes a second of a load, in Hz."""
-    signs = np.signbit(values - np.mean(values))
-    return float(np.sum(signs[1:] != signs[:-1])) * rate / (2 * max(len(values) - 1, 1))
 
 
 def _name_statistics(summary: RecordSummary) -> tuple[Statistic, ...]:

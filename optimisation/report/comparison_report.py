@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impact_env.curve import DOWN, UP, Optimum, PerformanceCurve, quantiles
 from impact_env.laws import SceneKind, describe_absorber, values
-from impact_env.parameters import Absorber, SlidingAbsorber, TunedAbsorber
+from impact_env.parameters import SlidingAbsorber, TunedAbsorber
 from impact_env.scene import Scene
 from optimisation.bounds import LEAST_REACH
 from optimisation.comparison import (
@@ -392,14 +392,21 @@ def card_groups(comparison: Comparison, impacts: ImpactLoads | None) -> tuple[Gr
     """
     own = next(concept.absorber for concept in comparison.concepts if concept.key == IMPACT)
     assert isinstance(own, SlidingAbsorber)
-    others = tuple(
-        Row(one.label, _parameters(one.absorber))
-        for one in comparison.concepts
-        if one.key not in (NONE, IMPACT)
-    )
+    others = []
+    for concept in comparison.concepts:
+        if concept.key in (NONE, IMPACT):
+            continue
+        absorber = concept.absorber
+        friction = getattr(absorber, "friction", None)
+        parameters = ""
+        if isinstance(absorber, TunedAbsorber):
+            parameters = f"{absorber.stiffness:.6g} N/m, {absorber.damping:.4g} N s/m"
+        elif friction is not None:
+            parameters = f"friction limit {friction.limit:.4g} N"
+        others.append(Row(concept.label, parameters))
     groups: list[Group] = [
         ("Impact absorber", device_rows(own, comparison.model)),
-        ("Others of its mass", others),
+        ("Others of its mass", tuple(others)),
     ]
     for part in comparison.resonances:
         k = part.reported_index
@@ -445,13 +452,6 @@ def card_warnings(comparison: Comparison) -> tuple[str, ...]:
     if ends:
         warnings.append(f"{END_WARNING}: {'; '.join(ends)}")
     return tuple(warnings)
-
-
-def _parameters(absorber: Absorber | None) -> str:
-    if isinstance(absorber, TunedAbsorber):
-        return f"{absorber.stiffness:.6g} N/m, {absorber.damping:.4g} N s/m"
-    friction = getattr(absorber, "friction", None)
-    return "" if friction is None else f"friction limit {friction.limit:.4g} N"
 
 
 def _levels(comparison: Comparison, part: ResonanceComparison, k: int) -> tuple[Row, ...]:

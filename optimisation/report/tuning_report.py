@@ -128,14 +128,6 @@ class TuningTable:
         """Return the peak over `reference`."""
         return tuning.peak / self.reference
 
-    def relative_h2(self, tuning: Tuning) -> float:
-        """Return the H2 norm over that without absorber.
-
-        For an undamped structure it is the H2 norm over the smallest one.
-        """
-        least = min(known.h2 for known in self.tunings)
-        return tuning.h2 / (least if self.undamped else self.tunings[0].h2)
-
     def ratios_drawn(self, points: int) -> NDArray[np.float64]:
         """Return frequencies over omega_r at which to draw.
 
@@ -236,6 +228,9 @@ def value_table(table: TuningTable, bounds: Bounds) -> Table:
         Column("h2_relative", "H2 norm, %", "{:.2f}", 100, "inf"),
         Column("certified_amplitude_m_n", "proved, %", "{:.3f}", proved, ""),
     )
+    # H2 norms are relative to that without absorber, of an undamped structure to the smallest one
+    smallest_h2 = min(tuning.h2 for tuning in table.tunings)
+    reference_h2 = smallest_h2 if table.undamped else table.tunings[0].h2
     rows = []
     for tuning in table.tunings:
         absorber = tuning.absorber
@@ -243,7 +238,7 @@ def value_table(table: TuningTable, bounds: Bounds) -> Table:
         if absorber is not None:
             own = (absorber.stiffness, absorber.damping, *table.ratios(absorber))
         peak = (tuning.peak, tuning.peak_ratio, table.relative_peak(tuning))
-        h2 = (tuning.h2, table.relative_h2(tuning))
+        h2 = (tuning.h2, tuning.h2 / reference_h2)
         rows.append((tuning.key, *own, *peak, *h2, bounds.get(tuning.key)))
     return Table(columns, rows)
 
@@ -291,9 +286,13 @@ def make_report(table: TuningTable, bounds: Bounds) -> Report:
         "scoring_range": [table.low, table.high],
         "peaks_relative_to": table.of_what,
     }
+    best = next(tuning for tuning in table.tunings if tuning.key == MINIMAX)
+    assert best.absorber is not None
+    parameters = f"{best.absorber.stiffness:.6g} N/m and {best.absorber.damping:.4g} N s/m"
+    peak = 100 * table.relative_peak(best)
     return Report(
         title="Tuned absorbers of one mass",
-        verdict=least_peak_line(table),
+        verdict=f"Smallest peak: {parameters}, {peak:.4g} % of {table.of_what}.",
         text=[[values], list_notes(table, bounds)],
         numbers={"settings": settings, "tunings": tunings},
         tables={"tunings.csv": values},
@@ -348,14 +347,6 @@ def draw_tunings(table: TuningTable) -> Figure:
         fontsize=12,
     )
     return figure
-
-
-def least_peak_line(table: TuningTable) -> str:
-    """Return the tuning with the smallest peak over all modes, in words."""
-    best = next(tuning for tuning in table.tunings if tuning.key == MINIMAX)
-    assert best.absorber is not None
-    own = f"{best.absorber.stiffness:.6g} N/m and {best.absorber.damping:.4g} N s/m"
-    return f"Smallest peak: {own}, {100 * table.relative_peak(best):.4g} % of {table.of_what}."
 
 
 def card_groups(table: TuningTable, bounds: Bounds) -> tuple[Group, ...]:

@@ -405,15 +405,6 @@ def find_runs(folder: Path) -> list[Run]:
     return [run for _, _, run in sorted(runs, key=lambda entry: entry[:2])]
 
 
-def find_typical_run(runs: Sequence[Run]) -> Run:
-    """Return the run with the median score on the evaluation seeds.
-
-    For an even number of runs it is the better one of the two in the middle. Test seeds have no
-    influence.
-    """
-    return sorted(runs, key=lambda run: (run.score, run.seed))[len(runs) // 2]
-
-
 def _model_of(folder: Path) -> Path:
     """Return the model of a finished run whose actor is the run's agent."""
     agent = (folder / FINAL).read_bytes()
@@ -437,7 +428,10 @@ def ship(source: Path, target: Path) -> list[Path]:
             groups.setdefault((run.folder.parent.parent.name, run.algorithm), []).append(run)
     files = []
     for (task, algorithm), runs in groups.items():
-        folder = find_typical_run(runs).folder
+        # the typical run has the median score on the evaluation seeds; of an even number of runs it
+        # is the better one of the two in the middle
+        ranked = sorted(runs, key=lambda run: (run.score, run.seed))
+        folder = ranked[len(runs) // 2].folder
         file = target / f"{task}_{algorithm}.zip"
         model = _model_of(folder)
         target.mkdir(parents=True, exist_ok=True)

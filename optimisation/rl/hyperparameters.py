@@ -148,13 +148,6 @@ class Hyperparameters(ABC):
         share = leg / max(1, self.legs - 1)
         return (1 - share) * self.learning_rate + share * self.final_learning_rate
 
-    def end_of(self, leg: int) -> int:
-        """Return the number of steps after which a leg, counted from 0, ends.
-
-        A round of the algorithm is always completed, so that the leg may end later.
-        """
-        return -(-self.steps * (leg + 1) // self.legs)
-
     @property
     @abstractmethod
     def round(self) -> int:

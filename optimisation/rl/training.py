@@ -225,7 +225,9 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Train
         model.set_logger(Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))]))
     for leg in range(len(evaluations), chosen.legs):
         begin_leg(model, job.seed, leg, chosen.rate_of(leg))
-        todo = chosen.end_of(leg) - model.num_timesteps
+        # rounded up; a leg may end later, since a round of the algorithm is always completed
+        last_step = -(-chosen.steps * (leg + 1) // chosen.legs)
+        todo = last_step - model.num_timesteps
         if todo > 0:
             model.learn(
                 todo,

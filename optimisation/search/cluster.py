@@ -129,7 +129,10 @@ class Workers:
             try:
                 future = finished.get(timeout=POLL)
             except queue.Empty:
-                if self._workers():
+                workers: dict[str, object] = {}
+                with suppress(OSError, TimeoutError, ValueError):
+                    workers = self._client.scheduler_info(n_workers=-1)["workers"]
+                if workers:
                     alive_at = time.monotonic()
                 elif time.monotonic() - alive_at > self._patience:
                     raise ClusterError(self._describe_loss("has no worker left")) from None
@@ -154,11 +157,6 @@ class Workers:
                 f"--cluster = {self._address} is not allowed: workers with {SAME}; one could "
                 f"not do its work ({error!r})"
             ) from error
-
-    def _workers(self) -> dict[str, object]:
-        with suppress(OSError, TimeoutError, ValueError):
-            return dict(self._client.scheduler_info(n_workers=-1)["workers"])
-        return {}
 
     def _describe_loss(self, what: str) -> str:
         return (

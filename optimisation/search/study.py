@@ -292,6 +292,7 @@ class DesignStudy:
         it.
         """
         wanted = self.settings.whole_batches(designs)
+        space = self.problem.space
 
         def show() -> None:
             progress(len(self.evaluated), self.runs)
@@ -300,7 +301,12 @@ class DesignStudy:
             while len(self.evaluated) < wanted:
                 show()
                 if self._batch is None:
-                    first = None if self.evaluated else self._first_point()
+                    first = None  # point of the search's first design
+                    if not self.evaluated and self.settings.from_scratch:
+                        generator = np.random.default_rng(seed_of(self.settings.seed, 0))
+                        first = generator.random(len(space.free))
+                    elif not self.evaluated:
+                        first = np.array(space.shares(space.default))
                     self._batch = self._sampler.ask(self.settings.batch, first)
                 self._sampler.tell(self.run_batch(self._batch, executor, show))
                 self._batch = None
@@ -308,16 +314,6 @@ class DesignStudy:
         except KeyboardInterrupt:
             return False
         return True
-
-    def _first_point(self) -> Array:
-        """Return the first design's point.
-
-        It is the start of the space, or a random point if the search is from scratch.
-        """
-        space = self.problem.space
-        if self.settings.from_scratch:
-            return np.random.default_rng(seed_of(self.settings.seed, 0)).random(len(space.free))
-        return np.array(space.shares(space.default))
 
     def run_batch(self, points: Array, executor: Executor, show: Show = lambda: None) -> BatchCosts:
         """Run designs at points (n, variables) of the unit cube, rung by rung.
