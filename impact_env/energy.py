@@ -25,6 +25,8 @@ def stored_energy(scene: Scene, state: Array) -> float:
         energy += 0.5 * float(scene.absorber_masses @ state[half + n :] ** 2)
         # springs; several absorbers have none, since their contact is rigid
         displacement = float(state[n] - model.tip_shape @ state[:n])
+        if scene.link is not None:
+            energy += 0.5 * scene.link.stiffness * displacement**2
         energy += sum(find_law(law).stored(law, displacement) for law in list_laws(scene.absorber))
         energy += float((scene.absorber_masses * scene.absorber_gravities) @ state[n:half])
     return energy

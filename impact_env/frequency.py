@@ -15,6 +15,7 @@ denominator, so that it is exact at an undamped free resonance too.
 """
 
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 import scipy.linalg
@@ -22,19 +23,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.checks import finite, instance, numbers, positive, require
 from impact_env.drive import LOAD_STARTS, Excitation, find_schedule
+from impact_env.laws import Link, find_link
 from impact_env.loads import Tones
 from impact_env.modes import ModalModel, with_link, with_masses
 from impact_env.parameters import (
     CoulombFriction,
+    LinearAbsorber,
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
-    TunedAbsorber,
     find_largest_gravity,
 )
 from impact_env.scene import InitialState, Scene
 
-LinearAbsorber = TunedAbsorber | StuckAbsorber
+LINEAR_ONLY = (
+    f"a {' or a '.join(known.__name__ for known in get_args(LinearAbsorber))} "
+    "(others are not linear)"
+)
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
@@ -151,19 +156,21 @@ def _attachment(
 ) -> tuple[Complex, Complex]:
     """Return n and D of the dynamic stiffness T = n/D (N/m) of an attached absorber.
 
-    n = m_a omega^2 K and D = K - m_a omega^2 with K = k + i omega c. For a stuck absorber K is
-    infinite.
+    n = m_a omega^2 K and D = K - m_a omega^2 with K = k + i omega c of its `Link`. For a stuck
+    absorber K is infinite.
     """
     require(
         isinstance(absorber, LinearAbsorber),
         "absorber",
         absorber,
-        "a TunedAbsorber or a StuckAbsorber (others are not linear)",
+        LINEAR_ONLY,
     )
-    inertia = np.asarray(absorber.mass_ratio * model.beam_mass * omega**2, dtype=np.complex128)
-    if isinstance(absorber, StuckAbsorber):
+    absorber_mass = absorber.mass_ratio * model.beam_mass
+    inertia = np.asarray(absorber_mass * omega**2, dtype=np.complex128)
+    link = find_link(absorber, absorber_mass)
+    if link is None:
         return inertia, np.ones_like(inertia)
-    spring = absorber.stiffness + 1j * omega * absorber.damping
+    spring = link.stiffness + 1j * omega * link.damping
     return inertia * spring, spring - inertia
 
 
@@ -171,9 +178,10 @@ def tip_response(model: ModalModel, absorber: LinearAbsorber | None, omega: Arra
     """Return the displacement per newton at the place of the response level, in m/N.
 
     By default this place is the tip. ``omega`` is in rad/s, of any shape. ``absorber`` is a
-    TunedAbsorber (spring and damper between tip and mass), a StuckAbsorber (added mass) or None.
-    The result is complex with the shape of omega. Raises ParameterError for bad frequencies,
-    another kind of absorber, and if the response is infinite (no damping anywhere).
+    linear one, such as a TunedAbsorber (spring and damper between tip and mass) or a StuckAbsorber
+    (added mass), or None. The result is complex with the shape of omega. Raises ParameterError for
+    bad frequencies, another kind of absorber, and if the response is infinite (no damping
+    anywhere).
     """
     model = instance("model", model, ModalModel)
     w = _frequencies(omega)
@@ -214,8 +222,8 @@ def coupled_receptance(
 def joint_matrices(model: ModalModel, absorber: LinearAbsorber | None) -> tuple[Real, Real, Real]:
     """Return the mass, damping and stiffness matrices of structure and absorber, (n, n) each.
 
-    The coordinates are the free structure's N_m modal coordinates, and with a tuned absorber also
-    its displacement (m): n = N_m or N_m + 1.
+    The coordinates are the free structure's N_m modal coordinates, and with an absorber on a spring
+    also its displacement (m): n = N_m or N_m + 1.
     """
     model = instance("model", model, ModalModel)
     rate = 2 * model.damping_ratio * model.omega
@@ -226,10 +234,11 @@ def joint_matrices(model: ModalModel, absorber: LinearAbsorber | None) -> tuple[
         isinstance(absorber, LinearAbsorber),
         "absorber",
         absorber,
-        "a TunedAbsorber or a StuckAbsorber (others are not linear)",
+        LINEAR_ONLY,
     )
     absorber_mass = absorber.mass_ratio * model.beam_mass
-    if isinstance(absorber, StuckAbsorber):
+    link = find_link(absorber, absorber_mass)
+    if link is None:
         return (
             with_masses(model.tip_shape[None, :], np.array([absorber_mass])),
             np.diag(rate),
@@ -239,8 +248,8 @@ def joint_matrices(model: ModalModel, absorber: LinearAbsorber | None) -> tuple[
     mass = np.diag(np.append(np.ones(model.modes), absorber_mass))
     return (
         mass,
-        with_link(rate, absorber.damping, stretch),
-        with_link(square, absorber.stiffness, stretch),
+        with_link(rate, link.damping, stretch),
+        with_link(square, link.stiffness, stretch),
     )
 
 
@@ -340,8 +349,8 @@ def find_steady_start(scene: Scene, drive: Excitation) -> InitialState | None:
     harmonics = _harmonics_of(drive)
     if not harmonics or find_largest_gravity(scene.absorber) != 0:
         return None
-    if isinstance(scene.absorber, TunedAbsorber):
-        return _tuned_start(scene, scene.absorber, harmonics)
+    if scene.link is not None:
+        return _linked_start(scene, scene.link, harmonics)
 
     shapes = scene.absorber_shapes
     masses = scene.absorber_masses
@@ -444,17 +453,15 @@ def _modal_motion(
     return _solve(stiffness - omega**2 * with_masses(shapes, masses), load)
 
 
-def _tuned_start(
-    scene: Scene, absorber: TunedAbsorber, harmonics: list[_Harmonic]
-) -> InitialState | None:
-    """Return the steady state of structure and tuned absorber."""
+def _linked_start(scene: Scene, link: Link, harmonics: list[_Harmonic]) -> InitialState | None:
+    """Return the steady state of a structure and an absorber on a spring and a damper."""
     model = scene.model
     n = model.modes
     absorber_mass = scene.absorber_masses[0]
     stretch = np.append(-model.tip_shape, 1.0)
     mass = np.append(np.ones(n), absorber_mass)
-    stiffness = with_link(model.omega**2, absorber.stiffness, stretch)
-    damping = with_link(2 * model.damping_ratio * model.omega, absorber.damping, stretch)
+    stiffness = with_link(model.omega**2, link.stiffness, stretch)
+    damping = with_link(2 * model.damping_ratio * model.omega, link.damping, stretch)
     place = np.zeros(n + 1)
     rate = np.zeros(n + 1)
     for one in harmonics:

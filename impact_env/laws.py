@@ -11,7 +11,7 @@ that is not in the table is an error. CONTRIBUTING.md says how to add one.
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, dataclass, replace
 from enum import Enum
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 from impact_env.checks import (
     DESCRIPTIONS,
@@ -56,6 +56,21 @@ class SceneKind(Enum):
     SMOOTH = "a smooth nonlinear spring"
 
 
+class Link(NamedTuple):
+    """Spring and damper between the structure and a linear absorber.
+
+    Attributes
+    ----------
+    stiffness : float
+        Stiffness of the spring in N/m.
+    damping : float
+        Coefficient of the damper in N s/m.
+    """
+
+    stiffness: float
+    damping: float
+
+
 @dataclass(frozen=True)
 class Law:
     """A law of walls or of friction, or an absorber that has neither.
@@ -71,7 +86,16 @@ class Law:
     mark : str, optional
         The option that only this law of its group has. None: it is the group's usual law.
     stored : callable, optional
-        Energy in J of a law at a relative displacement in m. Default: 0.
+        Energy in J of a law at a relative displacement in m, without that of a link. Default: 0.
+    link : callable, optional
+        `Link` of a linear absorber with its mass in kg. All methods and frequency responses use it.
+        None only for `StuckAbsorber`, which does not move on the structure, and for other kinds of
+        scenes.
+
+    Raises
+    ------
+    ParameterError
+        A linear absorber has no link, or another kind of scene has one.
     """
 
     of: type
@@ -79,6 +103,16 @@ class Law:
     words: Callable[[Any], str]
     mark: str | None = None
     stored: Callable[[Any, float], float] = lambda _law, _displacement: 0.0
+    link: Callable[[Any, float], Link] | None = None
+
+    def __post_init__(self) -> None:
+        linked = self.kind is SceneKind.LINEAR and self.of is not StuckAbsorber
+        require(
+            (self.link is not None) == linked,
+            "link",
+            self.link,
+            f"{'given' if linked else 'left out'} for {self.of.__name__}",
+        )
 
     @property
     def options(self) -> dict[str, Field[Any]]:
@@ -110,9 +144,7 @@ class Law:
 
 
 MASS_OPTION = list_options(SlidingAbsorber)  # mass_ratio
-# of an absorber that has a weight along its motion: a key of files, not an option
-GRAVITY_KEY = "gravity_m_s2"
-HEAVY = ("impact", "friction", "tuned", "stuck")
+GRAVITY_KEY = "gravity_m_s2"  # a key of files, not an option
 
 WALL_LAWS = (
     Law(
@@ -162,7 +194,7 @@ TUNED_LAW = Law(
     TunedAbsorber,
     SceneKind.LINEAR,
     lambda a: f"stiffness {a.stiffness:g} N/m, damping {a.damping:g} N s/m",
-    stored=lambda a, y: 0.5 * a.stiffness * y**2,
+    link=lambda a, _mass: Link(a.stiffness, a.damping),
 )
 SINK_LAW = Law(
     NonlinearSink,
@@ -175,6 +207,12 @@ WHOLE_ABSORBERS = {
     "stuck": STUCK_LAW,
     "sink": SINK_LAW,
 }  # absorbers that are one law
+# concepts of an absorber that may have a weight along its motion
+HEAVY = (
+    "impact",
+    "friction",
+    *(name for name, law in WHOLE_ABSORBERS.items() if hasattr(law.of, "gravity")),
+)
 ABSORBER_NAMES = {
     "impact": "impact absorber",
     "friction": "friction damper",
@@ -228,6 +266,17 @@ def kind(absorber: Absorber | None) -> SceneKind:
     if isinstance(absorber, SeveralAbsorbers):
         return SceneKind.SEVERAL
     return next((find_law(law).kind for law in list_laws(absorber)), SceneKind.LINEAR)
+
+
+def find_link(absorber: Absorber | None, mass: float) -> Link | None:
+    """Return the spring and damper of a linear absorber of ``mass`` kg.
+
+    The result is None for a stuck absorber, and where the scene is not linear.
+    """
+    if absorber is None or kind(absorber) is not SceneKind.LINEAR:
+        return None
+    link = find_law(absorber).link
+    return None if link is None else link(absorber, mass)
 
 
 def concept(absorber: Absorber | None) -> str:

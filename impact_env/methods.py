@@ -17,7 +17,6 @@ from impact_env.parameters import (
     ElasticCoulombFriction,
     NonlinearSink,
     StuckAbsorber,
-    TunedAbsorber,
 )
 from impact_env.scene import Scene
 
@@ -44,14 +43,15 @@ def _compliance(scene: Scene) -> float:
 def _highest_frequency(scene: Scene) -> float:
     """Return the highest circular frequency (rad/s) that a step must resolve.
 
-    It is the highest of the modes' frequencies and the tuned absorber's on the tip.
+    It is the highest of the modes' frequencies and a linear absorber's on the tip.
     """
     highest = float(np.max(scene.model.omega))
-    if isinstance(scene.absorber, TunedAbsorber):
+    link = scene.link
+    if link is not None:
         highest = max(
             highest,
-            np.sqrt(scene.absorber.stiffness * _compliance(scene)),
-            scene.absorber.damping * _compliance(scene),
+            np.sqrt(link.stiffness * _compliance(scene)),
+            link.damping * _compliance(scene),
         )
     if isinstance(
         scene.absorber, NonlinearSink
@@ -225,14 +225,15 @@ def _moreau_growth(scene: Scene, dt: float) -> float:
     model = scene.model
     rate = 2 * model.damping_ratio * model.omega
     square = model.omega**2
-    if not isinstance(scene.absorber, TunedAbsorber):
+    link = scene.link
+    if link is None:
         limit = 4 / (rate + np.sqrt(rate**2 + 4 * square))
         return float(dt / np.min(limit) * (1 - STEP_LIMIT_TOL))
     mass = scene.absorber_mass
     assert mass is not None
     line = np.append(-model.tip_shape, 1 / np.sqrt(mass))
-    damping = with_link(rate, scene.absorber.damping, line)
-    stiffness = with_link(square, scene.absorber.stiffness, line)
+    damping = with_link(rate, link.damping, line)
+    stiffness = with_link(square, link.stiffness, line)
     return float(
         np.max(np.linalg.eigvalsh(2 * dt * damping + dt**2 * stiffness)) / 4 * (1 - STEP_LIMIT_TOL)
     )

@@ -887,7 +887,8 @@ class SeveralAbsorbers:
         return math.fsum(absorber.mass_ratio for absorber in self.absorbers)
 
 
-Absorber = StuckAbsorber | TunedAbsorber | NonlinearSink | SlidingAbsorber | SeveralAbsorbers
+LinearAbsorber = StuckAbsorber | TunedAbsorber
+Absorber = LinearAbsorber | NonlinearSink | SlidingAbsorber | SeveralAbsorbers
 
 
 def find_largest_gravity(absorber: Absorber | None) -> float:

@@ -17,7 +17,14 @@ from impact_env.checks import (
     row,
 )
 from impact_env.fields import check_fields, parameter
-from impact_env.laws import SceneKind, describe_absorber, describe_modes, kind
+from impact_env.laws import (
+    Link,
+    SceneKind,
+    describe_absorber,
+    describe_modes,
+    find_link,
+    kind,
+)
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
     Absorber,
@@ -114,6 +121,14 @@ class Scene:
     def absorber_mass(self) -> float | None:
         """Mass of the absorber, or of all together, in kg, or None."""
         return None if self.absorber is None else self.absorber.mass_ratio * self.model.beam_mass
+
+    @cached_property
+    def link(self) -> Link | None:
+        """Spring and damper of a linear absorber.
+
+        None for a stuck absorber, without absorber, and where the scene is not linear.
+        """
+        return find_link(self.absorber, self.absorber_mass or 0.0)
 
     @property
     def places(self) -> int:

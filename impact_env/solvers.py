@@ -64,7 +64,6 @@ from impact_env.parameters import (
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
-    TunedAbsorber,
     find_largest_gravity,
 )
 from impact_env.regime_sets import (
@@ -219,10 +218,9 @@ def build_base_motion(scene: Scene, moves: bool) -> loads.BaseParticipation:
 
 
 def build_losses(scene: Scene) -> Losses:
-    """Return the shapes at force and tip, the modes' damping and a tuned absorber's damper."""
+    """Return the shapes at force and tip, the modes' damping and a linear absorber's damper."""
     model = scene.model
-    absorber = scene.absorber
-    damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
+    damper = 0.0 if scene.link is None else scene.link.damping
     return Losses(
         np.array(model.force_shape),
         np.array(model.tip_shape),
@@ -256,11 +254,8 @@ def build_contact(
 
 
 def build_spring(scene: Scene) -> Spring:
-    """Return spring and damper of a tuned absorber, zeros without."""
-    absorber = scene.absorber
-    if not isinstance(absorber, TunedAbsorber):
-        return NO_SPRING
-    return Spring(absorber.stiffness, absorber.damping)
+    """Return spring and damper of a linear absorber, zeros without."""
+    return NO_SPRING if scene.link is None else Spring(*scene.link)
 
 
 def count_bytes(value: Any) -> int:
@@ -531,19 +526,17 @@ def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[Lin
     """
     model = scene.model
     mass = scene.absorber_mass
-    spring = build_spring(scene)
-    sprung = isinstance(scene.absorber, TunedAbsorber)
-    speed, slots = find_fastest(model, mass, *(spring if sprung else (None, 0.0)))
+    link = scene.link
+    speed, slots = find_fastest(model, mass, *(link or (None, 0.0)))
     size = padded_size(slots)
     reach = table_reach(speed, wanted)
     if mass is None:
         return free_regime(model, size, reach, moves=moves), reach
     heavy = find_largest_gravity(scene.absorber) != 0
-    if not sprung:
+    if link is None:
         return joined_regime(model, mass, size, reach, moves=moves, heavy=heavy), reach
-    return sprung_regime(
-        model, mass, spring.stiffness, spring.damping, size, reach, moves=moves, heavy=heavy
-    ), reach
+    regime = sprung_regime(model, mass, *link, size, reach, moves=moves, heavy=heavy)
+    return regime, reach
 
 
 def _linear(scene: Scene, wanted: float, moves: bool, drive: Excitation | None) -> KernelArguments:

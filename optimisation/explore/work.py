@@ -461,7 +461,7 @@ class Work:
         """
         history = require_recorded("history", response.history)
         schedule = response.drive.schedule
-        moves = isinstance(self.scene.absorber, SlidingAbsorber | TunedAbsorber | SeveralAbsorbers)
+        moves = not isinstance(self.scene.absorber, StuckAbsorber | None)
         absorbers = None
         if moves:
             absorbers = history.absorber_displacement[rows].reshape(-1, self.scene.places)

@@ -18,7 +18,7 @@ from impact_env.ensemble import LaneLevels
 from impact_env.laws import describe_absorber, describe_modes
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.loads import Loads
-from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbsorber
+from impact_env.parameters import Beam, SeveralAbsorbers, SlidingAbsorber, StuckAbsorber
 from impact_env.plain import from_scene
 from impact_env.results import EnergyAccount, History, Response, require_recorded
 from optimisation.calibration.drawn_scenes import LevelBand
@@ -352,7 +352,7 @@ def draw_sweep(
     history = require_recorded("history", response.history)
     axis = _Axis(response, resonance)
     # several move at places of their own, away from the tip
-    moving = isinstance(response.scene.absorber, SlidingAbsorber | TunedAbsorber | NonlinearSink)
+    moving = not isinstance(response.scene.absorber, StuckAbsorber | SeveralAbsorbers | None)
     rows = 3 if moving else 2
     figure, axes = figure_of(12, 3.1 * rows, rows, 2, width_ratios=[2, 1])
     figure.suptitle(shorten_numbers(title), fontsize=10)

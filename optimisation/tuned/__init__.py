@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from impact_env.checks import ParameterError, instance, positive, require
 from impact_env.frequency import (
-    LinearAbsorber,
     frequency_range,
     natural_frequencies,
     poles,
@@ -22,7 +21,12 @@ from impact_env.frequency import (
     tip_response,
 )
 from impact_env.modes import ModalModel
-from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    LinearAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+)
 
 # Tunings of the linear absorber in closed form: one mode, no damping of its own. Start values and
 # tests for the numerical ones.
@@ -216,7 +220,7 @@ def _check_scored_range(
     """Return omega_r; raises ParameterError unless the range can score an absorber."""
     omega_r = model.resonance_omega(resonance)
     low, high = frequency_range(low, high)
-    if isinstance(absorber, TunedAbsorber):
+    if not isinstance(absorber, StuckAbsorber | None):
         require_wide_range(model, absorber.mass_ratio, resonance, low, high)
     return omega_r
 

@@ -35,8 +35,9 @@ from numpy.typing import NDArray
 
 from impact_env.checks import ParameterError, require
 from impact_env.extras import optional
-from impact_env.frequency import LinearAbsorber, state_space
+from impact_env.frequency import state_space
 from impact_env.modes import ModalModel
+from impact_env.parameters import LinearAbsorber
 from optimisation.bounds.relaxation import NotOptimalError, solve
 from optimisation.tuned import HIGH, LOW, highest_amplitude
 

@@ -40,9 +40,10 @@ from impact_env import (
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import default_rate
 from impact_env.envs.reference import simulate_passage, stationary_amplitude
-from impact_env.frequency import LinearAbsorber, receptance, tip_response
+from impact_env.frequency import receptance, tip_response
 from impact_env.methods import Method
 from impact_env.modes import modal_model
+from impact_env.parameters import LinearAbsorber
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*-v0 is out of date"

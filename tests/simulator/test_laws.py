@@ -4,16 +4,19 @@ The interfaces are files, commands, environments and designs. Restitution that d
 velocity, and a nonlinear sink, are tested as well.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 from core import ALL
 from scipy.integrate import solve_ivp
+from scipy.linalg import eigvals, expm
 
 from impact_env import (
     Beam,
     Drive,
+    Exact,
     Moreau,
     NonlinearSink,
     ParameterError,
@@ -22,6 +25,7 @@ from impact_env import (
     RungeKutta,
     SeveralAbsorbers,
     SlidingAbsorber,
+    TunedAbsorber,
     YieldingWalls,
     beam_scene,
     constant_frequency,
@@ -29,7 +33,18 @@ from impact_env import (
     simulate,
 )
 from impact_env.envs.settings import TaskSettings
-from impact_env.laws import make, values
+from impact_env.frequency import find_steady_start, poles, tip_response
+from impact_env.laws import (
+    _ENTRIES,
+    WHOLE_ABSORBERS,
+    Law,
+    Link,
+    SceneKind,
+    find_law,
+    make,
+    values,
+)
+from impact_env.methods import Method
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.hybrid_case import HybridCase
@@ -244,3 +259,117 @@ def test_a_nonlinear_sink_is_integrated_as_an_independent_solver_does() -> None:
     assert errors[2] < 1e-6
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.5)  # fourth order
     assert response.energy.relative_error < 1e-9
+
+
+@dataclass(frozen=True)
+class FrequencyAbsorber(TunedAbsorber):
+    """Mass on a spring that is given by its frequency in rad/s, and on a damper in N s/m."""
+
+    own_frequency: float = 250.0
+    damper: float = 0.3
+
+
+@pytest.fixture
+def frequency_absorbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Add the absorber to the table of laws."""
+    law = Law(
+        FrequencyAbsorber,
+        SceneKind.LINEAR,
+        lambda a: f"own frequency {a.own_frequency:g} rad/s, damping {a.damper:g} N s/m",
+        link=lambda a, mass: Link(mass * a.own_frequency**2, a.damper),
+    )
+    monkeypatch.setitem(_ENTRIES, FrequencyAbsorber, law)
+    monkeypatch.setitem(WHOLE_ABSORBERS, "tuned", law)
+
+
+def _linked_matrices(scene: Any, stiffness: float, damper: float) -> tuple[Any, Any, Any]:
+    """Return mass, damping and stiffness matrices of modes and absorber, entry by entry."""
+    model = scene.model
+    n = model.modes
+    matrices = np.diag(np.append(np.ones(n), scene.absorber_mass)), np.zeros((n + 1, n + 1))
+    mass, damping = matrices
+    spring = np.zeros((n + 1, n + 1))
+    for matrix, factor, own in (
+        (damping, damper, 2 * model.damping_ratio * model.omega),
+        (spring, stiffness, model.omega**2),
+    ):
+        matrix[n, n] = factor
+        for i in range(n):
+            matrix[i, i] += own[i]
+            matrix[i, n] = matrix[n, i] = -factor * model.tip_shape[i]
+            for j in range(n):
+                matrix[i, j] += factor * model.tip_shape[i] * model.tip_shape[j]
+    return mass, damping, spring
+
+
+@pytest.mark.usefixtures("frequency_absorbers")
+def test_a_linear_absorber_is_its_link() -> None:
+    """All methods and frequency responses take spring and damper from the table's `Link`.
+
+    Frequency response, poles, steady start and the motion of a run agree with dense matrices.
+    """
+    absorber = FrequencyAbsorber()
+    scene = beam_scene(Beam(modes=2), absorber)
+    model = scene.model
+    assert "own frequency 250 rad/s" in str(scene)
+    stiffness = scene.absorber_mass * 250.0**2
+    mass, damping, spring = _linked_matrices(scene, stiffness, 0.3)
+    load = np.append(model.force_shape, 0.0)
+    tip = np.append(model.tip_shape, 0.0)
+
+    omega = np.array([100.0, 252.0, 900.0])
+    dense = [np.linalg.solve(spring + 1j * w * damping - w**2 * mass, load) for w in omega]
+    computed = tip_response(model, absorber, omega)
+    np.testing.assert_allclose(computed, [tip @ u for u in dense], rtol=1e-11)
+
+    zero = np.zeros((3, 3))
+    inverse = np.linalg.inv(mass)
+    rates = np.block([[zero, np.eye(3)], [-inverse @ spring, -inverse @ damping]])
+    every = eigvals(rates)
+    np.testing.assert_allclose(
+        np.sort_complex(poles(model, absorber)), np.sort_complex(every[every.imag > 0]), rtol=1e-9
+    )
+
+    # a force cos(w t) as two further states
+    w = 0.98 * model.resonance_omega(1)
+    drive = Drive(2.0, constant_frequency(model.resonance_omega(1), 0.98, 12.0))
+    whole = np.zeros((8, 8))
+    whole[:6, :6] = rates
+    whole[3:6, 6] = 2.0 * inverse @ load
+    whole[6, 7], whole[7, 6] = -w, w
+    end = expm(whole * drive.schedule.times[-1])[:6, 6]
+    steady = 2.0 * np.linalg.solve(spring + 1j * w * damping - w**2 * mass, load)
+    start = find_steady_start(scene, drive)
+    np.testing.assert_allclose(
+        start.vector(scene), np.concatenate([steady.real, (1j * w * steady).real]), rtol=1e-9
+    )
+    methods: tuple[tuple[Method, float, float], ...] = (
+        (Exact(), 1e-10, 1e-12),
+        (RungeKutta(100), 1e-6, 1e-9),
+        (Moreau(400), 1e-3, 1e-4),
+    )
+    for method, tolerance, balance in methods:
+        response = simulate(scene, drive, method, record=ALL)
+        assert np.max(np.abs(response.end_state - end)) < tolerance * np.max(np.abs(end))
+        assert response.energy.relative_error < balance
+
+
+@pytest.mark.usefixtures("frequency_absorbers")
+@pytest.mark.parametrize(("own_frequency", "damper"), [(2e4, 0.0), (1.0, 900.0)])
+def test_a_step_resolves_the_link_of_a_linear_absorber(own_frequency: float, damper: float) -> None:
+    scene = beam_scene(Beam(modes=2), FrequencyAbsorber(own_frequency=own_frequency, damper=damper))
+    compliance = 1 / scene.absorber_mass + np.sum(scene.model.tip_shape**2)
+    stiffness = scene.absorber_mass * own_frequency**2
+    highest = max(np.sqrt(stiffness * compliance), damper * compliance)
+    for method in (Moreau(50), RungeKutta(50)):
+        assert method.step(scene) == pytest.approx(2 * np.pi / (50 * highest), rel=1e-12)
+
+
+def test_an_entry_of_a_linear_absorber_has_a_link() -> None:
+    """Without one it would be a stuck absorber."""
+    tuned = find_law(TunedAbsorber())
+    with pytest.raises(ParameterError, match="link") as error:
+        Law(TunedAbsorber, SceneKind.LINEAR, tuned.words)
+    assert error.value.argument == "link"
+    with pytest.raises(ParameterError, match="left out for NonlinearSink"):
+        Law(NonlinearSink, SceneKind.SMOOTH, tuned.words, link=tuned.link)

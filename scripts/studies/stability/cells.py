@@ -16,7 +16,6 @@ from impact_env import (
     RigidWalls,
     Scene,
     SlidingAbsorber,
-    TunedAbsorber,
 )
 from impact_env.energy import stored_energy
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
@@ -237,10 +236,9 @@ def _left_over(scene: Scene, initial: InitialState, response: Response) -> float
 
     def kinetic(state: np.ndarray) -> float:
         total = float(np.sum((model.omega * state[n + 1 : -1]) ** 2))
-        if isinstance(scene.absorber, TunedAbsorber):
+        if scene.link is not None:
             total += (
-                scene.absorber.stiffness
-                * float(state[-1] - model.tip_shape @ state[n + 1 : -1]) ** 2
+                scene.link.stiffness * float(state[-1] - model.tip_shape @ state[n + 1 : -1]) ** 2
             )
         return total
 
