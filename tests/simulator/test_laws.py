@@ -336,7 +336,8 @@ def test_a_linear_absorber_is_its_link() -> None:
     whole = np.zeros((8, 8))
     whole[:6, :6] = rates
     whole[3:6, 6] = 2.0 * inverse @ load
-    whole[6, 7], whole[7, 6] = -w, w
+    whole[6, 7] = -w
+    whole[7, 6] = w
     end = expm(whole * drive.schedule.times[-1])[:6, 6]
     steady = 2.0 * np.linalg.solve(spring + 1j * w * damping - w**2 * mass, load)
     start = find_steady_start(scene, drive)
