@@ -424,15 +424,10 @@ def _harmonics_of(drive: Excitation) -> list[_Harmonic]:
 
 def _load_on_modes(scene: Scene, harmonic: _Harmonic) -> Complex:
     """Return the complex modal load (N_m,) on the structure alone."""
-    model = scene.model
-    if harmonic.place is None:
-        pattern = model.force_pattern
-    else:
-        pattern = model.find_force_place(harmonic.place).astype(np.complex128)
-    load = harmonic.force * pattern
+    load = harmonic.force * scene.model.force_pattern_at(harmonic.place)
     if harmonic.base == 0:
         return load
-    participation = model.base_participation
+    participation = scene.model.base_participation
     require(participation is not None, "base_participation", None, "given for a base that moves")
     return load - harmonic.base * np.asarray(participation)
 

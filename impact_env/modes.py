@@ -389,6 +389,15 @@ class ModalModel:
             force_quadrature=None if standing else pattern.imag,
         )
 
+    def force_pattern_at(self, place: str | None) -> NDArray[np.complex128]:
+        """Return the complex modal shape (N_m,) of a force at a place of `with_force_places`.
+
+        For None it is the shape of the structure's own force.
+        """
+        if place is None:
+            return self.force_pattern
+        return self.find_force_place(place).astype(np.complex128)
+
     def with_force_places(self, places: Mapping[str, ArrayLike]) -> ModalModel:
         """Return the model with places for loads of their own, such as a record for each.
 

@@ -215,9 +215,9 @@ def measure_in_process(name: str) -> dict[str, Any]:
     return counts
 
 
-def files_of(folder: str) -> list[Path]:
-    """Return a folder's Python files."""
-    return sorted((ROOT / folder).rglob("*.py"))
+def files_of(folder: str, suffix: str = "py") -> list[Path]:
+    """Return a folder's files with a suffix, Python files unless another one is given."""
+    return sorted((ROOT / folder).rglob(f"*.{suffix}"))
 
 
 def count_tokens(file: Path) -> int:
@@ -243,16 +243,26 @@ def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
 
 
 def list_public_names() -> set[str]:
-    """Return the names in ``__all__`` of the packages and in code on pages of the documentation."""
+    """Return the names that users of the packages know.
+
+    They are the names in ``__all__``, those in code on pages of the documentation, and the methods
+    of classes in its reference, which lists all members.
+    """
+    pages = [ROOT / "README.md", *files_of("docs", "md")]
     names: set[str] = set()
+    for page in pages:
+        for code in re.findall(r"```.*?```|`[^`]+`", page.read_text(encoding="utf-8"), re.DOTALL):
+            names |= set(re.findall(r"\w+", code))
+    reference = "".join(page.read_text(encoding="utf-8") for page in files_of("docs/site", "rst"))
+    classes = re.findall(r"^\.\. autoclass:: (?:\w+\.)*(\w+)", reference, re.MULTILINE)
     for file in (file for package in PACKAGES for file in files_of(package)):
         for node in ast.parse(file.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.Assign | ast.AugAssign) and "__all__" in ast.unparse(node):
                 constants = [part for part in ast.walk(node) if isinstance(part, ast.Constant)]
                 names |= {str(constant.value) for constant in constants}
-    for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
-        for code in re.findall(r"```.*?```|`[^`]+`", page.read_text(encoding="utf-8"), re.DOTALL):
-            names |= set(re.findall(r"\w+", code))
+            elif isinstance(node, ast.ClassDef) and node.name in classes:
+                methods = [part for part in node.body if isinstance(part, ast.FunctionDef)]
+                names |= {method.name for method in methods if not method.name.startswith("_")}
     return names
 
 
