@@ -1,11 +1,11 @@
 """The table of absorbers and contact laws.
 
-It has one entry for each. Nothing else in the simulator distinguishes between them.
+Every absorber and every law of walls or friction has an entry. The names of its options, its kind
+of scene, its stored energy and its description come from that entry alone.
 
 The fields of a law's class declare the names by which it is given: options of commands, keys of
-files, arguments of environments and design variables, in SI units (`impact_env.fields`). An entry
-adds the kind of scene that the law makes, the energy that it stores, and its description. A law
-that is not in the table is an error. CONTRIBUTING.md says how to add one.
+files, arguments of environments and design variables, in SI units (`impact_env.fields`). For a law
+that is not in the table `find_law` raises ParameterError. CONTRIBUTING.md says how to add a law.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -78,15 +78,17 @@ class Law:
     Parameters
     ----------
     of : type
-        Its class, whose fields declare its options (`impact_env.fields.parameter`).
+        Class of the law, whose fields declare its options (`impact_env.fields.parameter`).
     kind : SceneKind
-        Kind of the scenes that it makes.
+        Kind of a scene with this law.
     words : callable
-        Description of a law's values.
+        Function of a law that returns its values as text, such as "gap 1 mm, restitution 0.8".
     mark : str, optional
-        The option that only this law of its group has. None: it is the group's usual law.
+        Name of the option that selects this law among the laws of walls, or of friction. None: the
+        law is used where no such option is given.
     stored : callable, optional
-        Energy in J of a law at a relative displacement in m, without that of a link. Default: 0.
+        Function of a law and a relative displacement in m that returns the stored energy in J,
+        without that of a link. Default: 0.
     link : callable, optional
         `Link` of a linear absorber with its mass in kg. All methods and frequency responses use it.
         None only for `StuckAbsorber`, which does not move on the structure, and for other kinds of
@@ -116,11 +118,14 @@ class Law:
 
     @property
     def options(self) -> dict[str, Field[Any]]:
-        """Fields of the law by their names in options."""
+        """Dataclass fields of the law by the names of their options."""
         return list_options(self.of)
 
     def values(self, law: Any) -> dict[str, Any]:
-        """Return a law's values by their names in options."""
+        """Return a law's values by the names of their options.
+
+        Fields declared with ``omit_default`` are left out where they have their default.
+        """
         return {
             name: getattr(law, field.name)
             for name, field in self.options.items()
@@ -128,10 +133,10 @@ class Law:
         }
 
     def make(self, values: Values) -> Any:
-        """Return the law made from some values.
+        """Return a law with values by the names of their options; other names are ignored.
 
-        Values that are left out have the class's defaults. Raises ParameterError for a missing
-        value without a default.
+        Missing values have the class's defaults. Raises ParameterError for a missing value without
+        a default, and for a value that is not allowed.
         """
         arguments = {}
         for name, field in self.options.items():
@@ -144,7 +149,8 @@ class Law:
 
 
 MASS_OPTION = list_options(SlidingAbsorber)  # mass_ratio
-GRAVITY_KEY = "gravity_m_s2"  # a key of files, not an option
+# gravity along the absorber's motion: a key of files, not an option of commands
+GRAVITY_KEY = "gravity_m_s2"
 
 WALL_LAWS = (
     Law(
@@ -238,17 +244,17 @@ _ENTRIES = {law.of: law for law in (*WALL_LAWS, *FRICTION_LAWS, *WHOLE_ABSORBERS
 
 
 def find_law(law: object) -> Law:
-    """Return the entry of a law; raises ParameterError for one that is not in the table."""
+    """Return the entry of a law; raises ParameterError if the law is not in the table."""
     if type(law) not in _ENTRIES:
         require(False, "law", law, f"one of {', '.join(known.__name__ for known in _ENTRIES)}")
     return _ENTRIES[type(law)]
 
 
 def list_laws(absorber: Absorber | None) -> tuple[object, ...]:
-    """Return the laws that are present.
+    """Return the laws of an absorber, as keys of `find_law`.
 
-    They are walls and friction of a sliding absorber, or otherwise the absorber itself. Several
-    absorbers have no laws here.
+    A sliding absorber has its walls and its friction, as far as they are not None. Any other
+    absorber is its own law. The result is empty for several absorbers, and without an absorber.
     """
     if instance("absorber", absorber, Absorber | None) is None or isinstance(
         absorber, SeveralAbsorbers
@@ -262,7 +268,7 @@ def list_laws(absorber: Absorber | None) -> tuple[object, ...]:
 
 
 def kind(absorber: Absorber | None) -> SceneKind:
-    """Return the kind of scene of an absorber."""
+    """Return the kind of a scene with this absorber; `SceneKind.LINEAR` for None."""
     if isinstance(absorber, SeveralAbsorbers):
         return SceneKind.SEVERAL
     return next((find_law(law).kind for law in list_laws(absorber)), SceneKind.LINEAR)
@@ -280,7 +286,10 @@ def find_link(absorber: Absorber | None, mass: float) -> Link | None:
 
 
 def concept(absorber: Absorber | None) -> str:
-    """Return the name in `CONCEPTS` of one absorber, or of a scene without absorber."""
+    """Return an absorber's key in `CONCEPTS`, "none" for None.
+
+    Raises ParameterError for several absorbers.
+    """
     if isinstance(absorber, SlidingAbsorber):
         return "friction" if absorber.walls is None else "impact"
     return (
@@ -291,7 +300,10 @@ def concept(absorber: Absorber | None) -> str:
 
 
 def values(absorber: Absorber | None) -> dict[str, Any]:
-    """Return one absorber's values by their plain names; `make` is the inverse function."""
+    """Return one absorber's values by the names of their options; `make` is the inverse function.
+
+    The values are the mass ratio, gravity in m/s^2 unless it is 0, and the values of the laws.
+    """
     mass = {} if absorber is None else {"mass_ratio": absorber.mass_ratio}
     mass |= (
         {GRAVITY_KEY: find_largest_gravity(absorber)} if find_largest_gravity(absorber) != 0 else {}
@@ -337,7 +349,7 @@ def describe_absorber(absorber: Absorber | None) -> str:
 
 
 def describe(value: Any) -> str:
-    """Return an absorber or a contact law of the table as text; KeyError for anything else."""
+    """Return an absorber or a contact law as text; raises KeyError for any other object."""
     if isinstance(value, Absorber):
         return describe_absorber(value)
     return f"{type(value).__name__} ({_ENTRIES[type(value)].words(value)})"
@@ -348,7 +360,11 @@ for _kind in (*_ENTRIES, *get_args(Absorber)):
 
 
 def _choose_law(laws: tuple[Law, ...], values: Values) -> Law:
-    """Return the law of a group to which the given names of values belong."""
+    """Return the law, of several alternatives, that the names of ``values`` select.
+
+    It is the law whose ``mark`` is in ``values``, else the first. Raises ParameterError if
+    ``values`` has an option that only another of these laws has.
+    """
     law = next((law for law in laws if law.mark in values), laws[0])
     for name in values:
         other = name in _list_options(laws) and name not in law.options
@@ -362,10 +378,11 @@ def _choose_law(laws: tuple[Law, ...], values: Values) -> Law:
 
 
 def _make_friction(values: Values, walls: object) -> FrictionLaw | None:
-    """Return the friction of an absorber, None without.
+    """Return an absorber's friction law, None if ``values`` has no friction limit.
 
-    Friction is elastic if ``walls`` are springs. Its stiffness is that of the walls unless
-    ``values`` contains another value.
+    Friction is elastic if ``values`` has a friction stiffness or ``walls`` are compliant; without a
+    friction stiffness the contact stiffness is used. Raises ParameterError for a stiffness or a
+    static ratio without a friction limit.
     """
     limit = values.get("friction_limit")
     stiffness = values.get("friction_stiffness")
@@ -387,11 +404,12 @@ def _make_friction(values: Values, walls: object) -> FrictionLaw | None:
 
 
 def make(concept: str, values: Values, name: str = "absorber") -> Absorber | None:
-    """Return an absorber of a concept, made from values by their plain names.
+    """Return an absorber of a concept (a key of `CONCEPTS`), None for the concept "none".
 
-    Values that are missing or None have the defaults of `impact_env.parameters`. The result is None
-    for the concept "none". Raises ParameterError for an unknown concept or for a name that the
-    concept does not have; the message calls the absorber ``name``.
+    ``values`` are in SI units by the names of their options. Values that are missing or None have
+    the defaults of `impact_env.parameters`. Raises ParameterError for an unknown concept, for a
+    name that the concept does not have, and for a value that is not allowed; the message calls the
+    absorber ``name``.
     """
     name = text("name", name)
     known = set(CONCEPTS[one_of(name, concept, CONCEPTS)]) | (

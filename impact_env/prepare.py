@@ -1,6 +1,6 @@
 """Compilation of missing kernels in another process.
 
-Meanwhile the caller can wait for them, show progress, or compile other kernels.
+Meanwhile the calling process can wait, show progress, or compile other kernels.
 """
 
 import pickle
@@ -32,12 +32,22 @@ Job = Callable[[], object]
 
 @contextmanager
 def run_alongside(kernel: Any, job: Job) -> Iterator[None]:
-    """Compile the kernels of ``job`` in another process while this context is entered.
+    """Compile the kernels of ``job`` in another process while the body of this context runs.
 
-    Nothing is compiled if the kernels are in the cache, or on a single core. ``kernel`` waits for
-    the process when it is called. ``job`` is a short function that can be pickled; if it fails in
-    the other process, the kernels are compiled in this one, where the error is raised. The process
-    is spawned, so the main module of the program must be importable, as that of the commands is.
+    No process is started if the kernels are in the cache, or on a single core. At the end of the
+    context an unfinished process is terminated.
+
+    Parameters
+    ----------
+    kernel : compiled kernel
+        Kernel of the job. A call of it in the context first waits for the process.
+    job : callable
+        Short function without arguments that needs the kernels; it must be picklable. If it fails
+        in the other process, the kernels are compiled in this one, where the error is raised.
+
+    Notes
+    -----
+    The process is spawned, so the main module of the program must be importable.
     """
     if available_cores() < 2 or is_cached(job):
         yield
@@ -56,7 +66,8 @@ def run_alongside(kernel: Any, job: Job) -> Iterator[None]:
 def is_cached(job: Job) -> bool:
     """Return whether all kernels of a job are in the cache, and run the job if they are.
 
-    ParameterError and IntegrationError of the job are ignored.
+    Otherwise the job ends at the first kernel that is not in the cache. ParameterError and
+    IntegrationError of the job are ignored.
     """
     try:
         with only_cached(), suppress(ParameterError, IntegrationError):
@@ -67,14 +78,14 @@ def is_cached(job: Job) -> bool:
 
 
 def _run_silently(job: Job) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one who waits, and ends this
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the parent, which then ends this
     with suppress(Exception):
         job()
 
 
-# N, pseudo periods: nothing needs to happen, only to be compiled
-TRIAL_FORCE = 1e-3
-TRIAL_PERIODS = 1.0
+# a short run suffices: it only has to compile the kernels
+TRIAL_FORCE = 1e-3  # N
+TRIAL_PERIODS = 1.0  # pseudo periods
 CHILD = """import pickle, sys
 sys.path[:] = {path!r}
 from impact_env.first_use import suppress_announcements
@@ -89,9 +100,10 @@ def short_run(
     record: Record | None = None,
     loads: Loads | None = None,
 ) -> None:
-    """Make the shortest run that needs the kernels of a scene, a method and a record.
+    """Simulate a run that compiles the kernels of a scene, a method and a record.
 
-    Loads need other kernels. With ``loads`` the run needs all of these.
+    Without ``loads`` a small force acts over one pseudo period. Loads need other kernels; the run
+    then has these loads, over their whole time.
     """
     force = Drive(
         TRIAL_FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, TRIAL_PERIODS)
@@ -144,7 +156,7 @@ def is_ready(
 
 
 class Preparation:
-    """A process that compiles kernels, as `prepare` returns it.
+    """A process that compiles kernels, returned by `prepare`.
 
     Parameters
     ----------
@@ -174,7 +186,7 @@ class Preparation:
 
     @property
     def elapsed(self) -> float:
-        """Time in s since the start of the process, until its end at most."""
+        """Time in s from the start of the process until now, or until its end if it has ended."""
         ended = self._ended
         return (time.monotonic() if ended is None else ended) - self._began
 
@@ -186,7 +198,8 @@ class Preparation:
     def wait(self, timeout: float | None = None) -> bool:
         """Wait for the end of the process and return whether the kernels are compiled.
 
-        ``timeout``: longest time in s (None: no limit).
+        ``timeout``: longest time in s (None: no limit). The result is False if the process failed,
+        was cancelled, or has not ended by then. Raises ParameterError for a negative ``timeout``.
         """
         seconds = None if timeout is None else non_negative("timeout", timeout)
         self._watcher.join(None if seconds is None else min(seconds, threading.TIMEOUT_MAX))

@@ -1,9 +1,10 @@
 """Measures of bladed disks by sector.
 
-They are levels, localisation, energies by nodal diameter, and the amplification by mistuning.
+The measures are response levels, localisation (participation ratio), energies by nodal diameter,
+and the amplification by mistuning.
 
-A run of a cyclic structure (`structures.cyclic`) is made in parts of bounded size. Only sums of
-each part are stored, so memory does not grow with the duration.
+A run of a cyclic structure (`structures.cyclic`) is computed in parts of bounded size. Only sums
+over the samples of a part are kept, so that memory does not grow with the duration.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-PART_BYTES = 2**25  # of the motion that is in memory at a time
-WINDOW_TOL = 1e-9  # of a window: rounding of a sample's time at the edge of two windows
+PART_BYTES = 2**25  # memory for the samples of a part of a run
+WINDOW_TOL = 1e-9  # share of a window: rounding of the time of a sample between two windows
 
 
 def participation_ratio(amplitudes: ArrayLike) -> Array:
@@ -67,16 +68,17 @@ def participation_ratio(amplitudes: ArrayLike) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SectorLevels(SavedResult):
-    """Response levels of the N sectors of a disk, each as the `ResponseLevel` of its place.
+    """Response levels of the N sectors of a disk, each defined like `ResponseLevel`.
 
     Parameters
     ----------
     value : array, (N,)
-        Level (RMS) in m.
+        Level of each sector in m: RMS around its largest displacement.
     time, frequency_ratio : array, (N,)
-        Time in s and frequency ratio of each sector's maximum.
+        Time in s of the largest displacement, and the drive's frequency there over the reference
+        frequency of the drive's schedule.
     largest : array, (N,)
-        Largest displacement in m.
+        Largest absolute displacement in m.
     """
 
     value: Array
@@ -86,7 +88,7 @@ class SectorLevels(SavedResult):
 
     @property
     def worst(self) -> float:
-        """Level of the sector with the highest one, in m."""
+        """Highest level of all sectors in m."""
         return float(np.max(self.value))
 
     @property
@@ -107,13 +109,13 @@ class SectorLevels(SavedResult):
 
 @dataclass(frozen=True, eq=False)
 class DiameterEnergies(SavedResult):
-    """Energy in J by nodal diameter k in the modes of the tuned disk.
+    """Energy in J of the modes of the tuned disk, by nodal diameter k.
 
     The arrays are (..., K + 1), with k from 0 to K = floor(N/2).
 
-    ``forward`` and ``backward`` are the energies of the waves that travel in the direction of the
-    sectors' numbers and against it; a standing wave has one half in each, as have the diameters 0
-    and N/2, which cannot travel.
+    ``forward`` and ``backward`` are the energies of the waves that travel in the direction of
+    rising and of falling sector numbers. A standing wave counts half in each. So do the diameters 0
+    and N/2, whose modes cannot travel.
     """
 
     forward: Array
@@ -121,17 +123,17 @@ class DiameterEnergies(SavedResult):
 
     @property
     def total(self) -> Array:
-        """Energy of each nodal diameter in J."""
+        """Energy of each nodal diameter in J, (..., K + 1)."""
         return np.asarray(self.forward + self.backward)
 
     @property
     def travelling(self) -> Array:
-        """Part of the energy in J that travels: the difference of both directions."""
+        """Travelling part of the energy in J: absolute difference of both directions."""
         return np.asarray(np.abs(self.forward - self.backward))
 
     @property
     def standing(self) -> Array:
-        """Part of the energy in J that stands: the total without the travelling part."""
+        """Standing part of the energy in J: the total less the travelling part."""
         return np.asarray(2 * np.minimum(self.forward, self.backward))
 
     def mean(self) -> DiameterEnergies:
@@ -148,13 +150,14 @@ class SectorWindows(SavedResult):
     edges : array, (B + 1,)
         Times in s at which windows begin and end.
     frequency_ratio : array, (B,)
-        Frequency ratio at the middle of each window.
+        Drive's frequency over its schedule's reference, at the middle of each window.
     rms : array, (B, N)
-        RMS displacement of each sector in m; NaN in a window without a sample.
+        RMS displacement of each sector in m. It is NaN, like the extremes and the energies, in a
+        window without a sample.
     low, high : array, (B, N)
-        Least and largest displacement in m.
-    impacts : array, (B, n)
-        Impacts of each absorber.
+        Least and largest displacement in m, with sign.
+    impacts : array of int, (B, n)
+        Number of impacts of each absorber.
     energies : DiameterEnergies, (B, K + 1)
         Mean energy by nodal diameter.
     """
@@ -169,7 +172,7 @@ class SectorWindows(SavedResult):
 
     @property
     def amplitude(self) -> Array:
-        """Half of the distance between least and largest displacement in m, (B, N)."""
+        """Half of the peak-to-peak displacement in m, (B, N)."""
         return np.asarray((self.high - self.low) / 2)
 
     @property
@@ -178,11 +181,10 @@ class SectorWindows(SavedResult):
         return participation_ratio(self.rms)
 
     def plot(self, axes: Axes | None = None, **options: Any) -> Axes:
-        """Draw each sector's RMS displacement, and return matplotlib's axes.
+        """Draw the RMS displacement of all sectors as a colour map, and return matplotlib's axes.
 
-        It is drawn over the frequency, or over time if the frequency is constant.
-
-        ``options`` go to matplotlib's pcolormesh.
+        Its abscissa is the frequency ratio, or the time if the frequency is constant. ``axes``
+        None: new axes. ``options`` go to matplotlib's pcolormesh.
         """
         from impact_env.plots import plot_waterfall
 
@@ -202,11 +204,11 @@ class SectorResponse(SavedResult):
     levels : SectorLevels
         Response levels by sector.
     windows : SectorWindows or None
-        Measures of each window, None without windows.
+        Measures of each window; None if no windows were requested.
     final_state : InitialState
         State at the end.
     impact_count : int
-        Impacts of all absorbers.
+        Number of impacts of all absorbers.
     """
 
     levels: SectorLevels
@@ -253,10 +255,11 @@ def linear_sector_response(
     direction: str = "forward",
     modes: int | None = None,
 ) -> Complex:
-    """Return the complex displacement (L, N) in m/N of each sector without absorbers.
+    """Return the complex amplitude (L, N) in m/N of each sector's displacement, without absorbers.
 
-    ``omega`` (L,) are frequencies in rad/s. The other arguments and errors are those of
-    `CyclicStructure.model`. The displacement is infinite at an undamped resonance.
+    The structure vibrates stationarily at L frequencies ``omega`` in rad/s. The other arguments and
+    errors are those of `CyclicStructure.model`. The amplitude is infinite or NaN at an undamped
+    resonance.
     """
     model = disk.model(engine_order, direction, modes)
     allowed = "finite frequencies in rad/s"
@@ -269,9 +272,9 @@ def linear_sector_response(
 
 
 class _DiameterModes:
-    """Modes of the tuned disk by nodal diameter.
+    """Projection of a run onto the modes of the tuned disk, by nodal diameter.
 
-    Displacements and velocities of all freedoms are projected to them.
+    The run is given in ``modes`` modal coordinates of the disk, which may be mistuned.
     """
 
     def __init__(self, disk: CyclicStructure, modes: int) -> None:
@@ -288,7 +291,7 @@ class _DiameterModes:
             squares, vectors = scipy.linalg.eigh(block, mass)
             self.omegas[k] = np.sqrt(np.maximum(squares, 0.0))
             wave = np.exp(-2j * np.pi * k * np.arange(n) / n) / np.sqrt(n)
-            # of the modal amplitudes of the run to those of this diameter
+            # from the modal coordinates of the run to those of this diameter
             projections.append(
                 vectors.conj().T @ mass @ np.tensordot(wave, self.shapes, axes=(0, 0))
             )
@@ -297,15 +300,15 @@ class _DiameterModes:
         self.travels = (half > 0) & (2 * half < n)
 
     def compute_energies(self, displacement: Array, velocity: Array) -> DiameterEnergies:
-        """Return the energies (S, K + 1) of a run.
+        """Return the energies (S, K + 1) of S samples.
 
-        They are computed from modal displacements and velocities (S, N_m).
+        ``displacement`` and ``velocity`` (S, N_m) are modal, as in `diameter_energies`.
         """
         swing = self.omegas * np.einsum("kdm,sm->skd", self.projection, displacement)
         rate = np.einsum("kdm,sm->skd", self.projection, velocity)
         forward = 0.5 * np.sum(np.abs(swing + 1j * rate) ** 2, axis=-1)
         backward = 0.5 * np.sum(np.abs(swing - 1j * rate) ** 2, axis=-1)
-        # diameters without a direction: one mode a freedom in place of two
+        # diameters without a direction have one mode for each freedom of a sector instead of two
         standing = 0.25 * (forward + backward)
         return DiameterEnergies(
             np.where(self.travels, forward, standing), np.where(self.travels, backward, standing)
@@ -315,16 +318,21 @@ class _DiameterModes:
 def diameter_energies(
     disk: CyclicStructure, displacement: ArrayLike, velocity: ArrayLike
 ) -> DiameterEnergies:
-    """Return the energy by nodal diameter of states of a disk.
+    """Return the energy by nodal diameter of S states of a disk.
 
     Parameters
     ----------
     disk : CyclicStructure
-        The disk. The modes of the states are those of the mistuned disk, and the energies refer to
-        the modes of the tuned disk.
+        The disk. The states refer to its own modes, with mistuning; the energies refer to the modes
+        of the disk without mistuning.
     displacement, velocity : array_like, (S, N_m)
         Modal displacements in sqrt(kg) m and velocities in sqrt(kg) m/s, such as those of a
         `History`.
+
+    Returns
+    -------
+    DiameterEnergies
+        Energies in J, (S, K + 1).
 
     Raises
     ------
@@ -352,7 +360,10 @@ def diameter_energies(
 
 
 class _WindowSums:
-    """Sums over the samples of a run, by window and sector."""
+    """Sums over the samples of a run, by window and sector.
+
+    ``interval`` is the time in s between two samples.
+    """
 
     def __init__(
         self, disk: CyclicStructure, scene: Scene, drive: Excitation, windows: int, interval: float
@@ -371,14 +382,16 @@ class _WindowSums:
         self.backward = np.zeros((windows, n // 2 + 1))
 
     def _find_windows(self, time: Array) -> NDArray[np.int64]:
+        """Return the index of the window of each time in s."""
         window = np.floor(time * (self.number / self._end) + WINDOW_TOL).astype(np.int64)
         return np.minimum(window, self.number - 1)
 
     def add(self, part: Response, start: float, first: int, values: Array, skip: int) -> None:
-        """Add a part of a run that starts at a time in s.
+        """Add a part of a run.
 
-        ``values`` (S, N) are samples from number ``first`` on. The first ``skip`` samples of the
-        part were added before.
+        ``start`` is the time in s at which the part begins. ``values`` (S, N) are the sectors'
+        displacements in m at its new samples, the first of which has the number ``first`` in the
+        run. The history of ``part`` has ``skip`` older samples in front of these.
         """
         times = np.asarray(self._interval * (first + np.arange(len(values))), dtype=np.float64)
         which = self._find_windows(times)
@@ -396,7 +409,7 @@ class _WindowSums:
         np.add.at(self.impacts, (self._find_windows(start + impacts.time), impacts.absorber), 1)
 
     def finish(self, drive: Excitation) -> SectorWindows:
-        """Return the windows."""
+        """Return the measures of all windows from the sums."""
         edges = np.linspace(0.0, self._end, self.number + 1)
         ratio = drive.schedule.omega_at((edges[1:] + edges[:-1]) / 2) / drive.schedule.reference
         samples = np.where(self.samples > 0, self.samples, np.nan)[:, None]
@@ -412,7 +425,10 @@ class _WindowSums:
 
 
 def _divide_samples(scene: Scene, drive: Excitation, samples: int) -> list[tuple[float, int]]:
-    """Return start in s and first sample of each part of a run."""
+    """Return the start in s of each part of a run, and the number of its first sample.
+
+    ``samples`` is the number of samples in a pseudo period. A run under `Loads` has one part.
+    """
     interval = drive.schedule.pseudo_period / samples
     end = float(drive.schedule.times[-1])
     size = 16 * (scene.model.modes + scene.places)
@@ -432,7 +448,11 @@ def _run_parts(
     progress: Watcher | None,
     **options: Any,
 ) -> Iterator[tuple[float, int, Response]]:
-    """Yield start in s, first sample and response of each part of a run."""
+    """Yield start in s, number of the first sample, and response of each part of a run.
+
+    Each part begins in the final state of the one before; the first in ``state``. ``progress`` is
+    called with the time in the whole run.
+    """
     end = float(drive.schedule.times[-1])
     for number, (start, first) in enumerate(parts):
         own = drive
@@ -471,9 +491,9 @@ def simulate_sectors(
 ) -> SectorResponse:
     """Integrate a scene of a disk and return the levels of all sectors.
 
-    Under a `Drive` the run is made in parts, each from the state at the end of the last, so that
-    long runs need no more memory than short ones; the result is that of one run up to rounding.
-    Under `Loads` it is made as a whole.
+    Under a `Drive` the run is computed in parts, each from the final state of the one before. Long
+    runs therefore need no more memory than short ones; up to rounding, the result is that of a run
+    in one part. Under `Loads` the run has one part.
 
     Parameters
     ----------
@@ -486,12 +506,12 @@ def simulate_sectors(
     method : Exact, Moreau or RungeKutta, optional
         Integration method (default: `Exact`).
     windows : int, optional
-        Number of equal windows of the run in which RMS, extremes, impacts and energies are
-        collected. None: levels alone.
+        Number of equal windows into which the run is divided for RMS, extremes, impacts and
+        energies (`SectorWindows`). None: levels alone.
     initial, most_events, progress, stop
-        As in `simulate`; ``most_events`` is the budget of each part.
+        As in `simulate`; ``most_events`` holds for each part.
     samples_per_period : int, optional
-        Samples of the motion in a pseudo period.
+        Number of samples of the motion in a pseudo period, at least 4.
 
     Returns
     -------
@@ -501,7 +521,7 @@ def simulate_sectors(
     Raises
     ------
     ParameterError
-        As `simulate`, or the scene does not have the modes of the disk.
+        As `simulate`, or the scene has more modes than the disk.
     IntegrationError, Stopped
         As `simulate`; the error carries the response of the part that failed.
 

@@ -2,17 +2,17 @@
 
 It corresponds to section 6 of the paper and its last figure.
 
-All concepts have the same mass. The impact absorber and the friction damper have the paper's
-parameters, the tuned absorber (the paper's LTVA) has them too and is compared with a well-tuned
-one, since the paper's is mistuned (see `optimisation.tuned`). A well-tuned absorber splits the
-resonance into two peaks that lie outside the paper's sweep, so both are also swept over the wide
-range for which they are tuned.
+All concepts have the same mass. Impact absorber, friction damper and tuned absorber (the paper's
+LTVA) have the paper's parameters. The paper's tuned absorber is mistuned (see
+`optimisation.tuned`), so a well-tuned absorber is added. It splits the resonance into two peaks
+outside the paper's sweep. Both tuned absorbers are therefore also swept over the wide range for
+which the second is tuned.
 
-Under other loads each concept is at its own best for the loads as they are: the tuned absorber by a
-simplex search (`optimisation.tuned.under_loads`), the impact absorber's gap and the friction
-damper's limit on a grid and between its points. They make smallest what is left of the loads'
-measure (`optimisation.measures`), in the mean over the members. All meet the same records and
-phases: ratios are paired.
+Under other loads (`compare_loads`) each concept is optimised for the loads at their own intensity:
+the tuned absorber by a simplex search (`optimisation.tuned.under_loads`), the impact absorber's gap
+and the friction damper's limit on a grid that is refined once. The objective is the loads' measure
+(`optimisation.measures`) relative to the structure without absorber, in the mean over the members.
+All concepts run under the same records and phases, so ratios are paired.
 """
 
 from collections.abc import Callable, Sequence
@@ -89,7 +89,7 @@ class Concept:
     """An absorber of the comparison.
 
     ``key``: short name for files. ``label``: name in tables and figures. ``limits``: ends of the
-    sweep over the resonance.
+    sweep, relative to the resonance's frequency.
     """
 
     key: str
@@ -137,11 +137,13 @@ def scaled_concepts(
 ) -> tuple[Concept, ...]:
     """Return the concepts for any structure, near a ``resonance`` at a ``force`` (N).
 
-    Their parameters follow from the rules behind the paper's choices for its beam. All have the
-    mass ratio, and the impact absorber has the ``gap`` in m. The friction of the impact absorber
-    follows from the scaling law. The friction damper is the best of those simulated by
-    ``damper_level``, a function of a damper that returns the level in m (`find_best_damper`). The
-    tuned absorber is tuned to the resonance.
+    All have the same mass ratio. Their parameters follow from rules that give the paper's choices
+    for its beam:
+
+    - The impact absorber has the ``gap`` (m) and a friction limit by the scaling law.
+    - The friction damper is the best of four (`find_best_damper`). ``damper_level`` returns the
+      level in m of a damper.
+    - The tuned absorber is tuned to the resonance.
     """
     mass = mass_ratio * model.beam_mass
     absorber = impact_absorber(gap, RESTITUTION, scaled_friction(model, mass, gap), mass_ratio)
@@ -162,7 +164,7 @@ def scaled_concepts(
 
 @dataclass(frozen=True, eq=False)
 class ComparedLevels:
-    """Levels over one series of amplitudes.
+    """Levels of all concepts at F amplitudes.
 
     ``forces``: amplitudes (F,) in N, or factors on loads. ``curves``: performance curves by the
     concepts' keys.
@@ -172,7 +174,7 @@ class ComparedLevels:
     curves: dict[str, PerformanceCurve]
 
     def relative(self, key: str) -> Array:
-        """Return a concept's levels over those without absorber, (F, M), member by member."""
+        """Return a concept's levels relative to no absorber, (F, M), of each ensemble member."""
         return self.curves[key].relative_to(self.curves[NONE])
 
 
@@ -193,9 +195,9 @@ class ResonanceComparison(ComparedLevels):
     own_force : float or None
         Force in N at which the concepts are compared, None: the impact absorber's best force.
     limits : (float, float)
-        Range of the sweeps over the resonance, except for concepts with a wider range.
+        Ends of the sweeps relative to the resonance, except for concepts with a wider range.
     cases : dict of str to CurveCase
-        Sweeps of the curves.
+        Scene and sweeps of each curve, by the concepts' keys.
     """
 
     model: ModalModel
@@ -208,7 +210,7 @@ class ResonanceComparison(ComparedLevels):
     cases: dict[str, CurveCase] = field(default_factory=dict)
 
     def limits_of(self, concept: Concept) -> tuple[float, float]:
-        """Return the range of a concept's sweeps over the resonance."""
+        """Return the ends of a concept's sweeps, relative to the resonance's frequency."""
         return self.limits if concept.limits == PAPER_LIMITS else concept.limits
 
     @property
@@ -227,12 +229,12 @@ class ResonanceComparison(ComparedLevels):
 
     @cached_property
     def limit(self) -> Array:
-        """The limit in m at the curves' forces, (F,)."""
+        """The passive limit in m at the curves' forces, (F,)."""
         return self.limit_at(self.forces)
 
     @property
     def reach(self) -> float:
-        """Free amplitude over gap at the design force.
+        """Amplitude without absorber over the gap, at the design force.
 
         If it is below 1, the impact absorber never touches a wall at that force.
         """
@@ -240,7 +242,7 @@ class ResonanceComparison(ComparedLevels):
 
     @property
     def sweep_ratio(self) -> float:
-        """Level of the sweeps without absorber over the stationary level.
+        """Level of the sweeps over the stationary level, both without absorber.
 
         It is NaN if no run is finished.
         """
@@ -251,7 +253,7 @@ class ResonanceComparison(ComparedLevels):
 
     @property
     def best(self) -> int | None:
-        """Index of the impact absorber's best force, relative to the structure without absorber.
+        """Index of the force at which the impact absorber's relative level is lowest.
 
         It is None if no run is finished.
         """
@@ -270,10 +272,10 @@ class ResonanceComparison(ComparedLevels):
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The comparison of all concepts.
+    """The comparison of all concepts near all resonances.
 
-    ``own_structure``: whether the structure is not the paper's beam. Its absorbers then have other
-    parameters than the paper's.
+    ``gap`` in m. ``own_structure``: whether the structure is not the paper's beam; its absorbers
+    then have other parameters than the paper's.
     """
 
     model: ModalModel
@@ -306,7 +308,7 @@ class Comparison:
 def force_grid(design: float, forces: int = DEFAULT_FORCES) -> Array:
     """Return ascending forces in N, (forces,), over `FORCE_SPAN` times the design force.
 
-    They are denser around the design force (N). There are at least 2 of them.
+    They are denser around the design force (N). Raises ParameterError for fewer than 2 forces.
     """
     forces = count("forces", forces, 2, MOST_FORCES)
     design = positive("design force", design)
@@ -333,16 +335,21 @@ def compare(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Comparison:
-    """Compute all curves near the ``resonances``.
+    """Return the performance curves of all concepts near the ``resonances`` (counted from 1).
 
-    ``mass_ratio``, ``gap`` (m, default 1 mm) and ``force`` (N) define the absorbers. On the paper's
-    beam (``beam`` None), with any number of modes, they have the paper's parameters. On another
-    structure, or with another mass, gap or force, they follow from rules (`scaled_concepts`), and a
-    ``force`` near the first of the resonances gives the gap by the design rule. A ``device`` with
-    rigid walls replaces the impact absorber and defines mass and gap; a ``force`` is then one at
-    which all concepts are compared near the first resonance, with the best damper for it. The range
-    of forces encloses the design force of each resonance. Other arguments and the interruption are
-    those of `performance_curves`; a rate of None is `default_rate`.
+    On the paper's beam (``beam`` None or with another number of modes) the absorbers have the
+    paper's parameters. On another structure, with another ``mass_ratio``, or if ``gap`` (m),
+    ``force`` (N) or ``device`` is given, their parameters follow from rules (`scaled_concepts`).
+
+    Without ``device`` a ``force`` gives the gap by the design rule for the first of ``resonances``,
+    and must not be combined with ``gap`` (default 1 mm). A ``device`` with rigid walls replaces the
+    impact absorber and defines mass and gap. With a device, ``force`` is the force at which the
+    concepts are compared near the first of ``resonances``; the friction damper is chosen for it.
+
+    ``forces`` is the number of forces around the design force of each resonance (`force_grid`).
+    ``percent_per_100_periods`` is the sweep rate, None: `default_rate`. Other arguments, and the
+    result of an interruption, are those of `performance_curves`. Raises ParameterError for
+    arguments out of range or that exclude each other.
     """
     if device is not None:
         require(gap is None, "gap", gap, "left out beside a device")
@@ -456,12 +463,11 @@ def compare(
     return Comparison(model, compared, parts, members, seed, rate, mass_ratio, clearance, not paper)
 
 
-GAPS = np.geomspace(0.35, 5.6, 13)  # of the free motion's size at the absorber
-LIMITS = np.geomspace(
-    0.05, 51.2, 16
-)  # of absorber mass times first frequency squared times that size; higher modes want larger ones
-BETWEEN = np.linspace(-0.75, 0.75, 7)  # of the step of a grid, around its best
-SPAN = (0.2, 5.0)  # of the loads' intensity
+GAPS = np.geomspace(0.35, 5.6, 13)  # in units of `free_size`, the free motion at the absorber
+# friction limits in units of m_a omega_1^2 times `free_size`; higher modes need larger limits
+LIMITS = np.geomspace(0.05, 51.2, 16)
+BETWEEN = np.linspace(-0.75, 0.75, 7)  # refinement around a grid's best point, in grid steps
+SPAN = (0.2, 5.0)  # range of the factors on the loads
 DEFAULT_FACTORS = DEFAULT_FORCES
 TUNED = "tuned"
 Stages = Callable[[str, int, int], None]
@@ -469,9 +475,9 @@ Stages = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class BandComparison(ComparedLevels):
-    """Measures in one frequency band from ``low`` to ``high`` in Hz.
+    """Measures of all concepts in a frequency band from ``low`` to ``high`` (Hz).
 
-    If there is only one band, it contains all frequencies.
+    A single band extends from 0 to infinity.
     """
 
     low: float
@@ -480,11 +486,11 @@ class BandComparison(ComparedLevels):
 
 @dataclass(frozen=True, eq=False)
 class LoadComparison:
-    """Measures of each concept over the loads' intensity, band by band.
+    """Measures of each concept over factors on the loads, band by band.
 
-    ``free_size`` is the size of the free motion at the absorber's place in m, and ``readings`` has
-    the frequency at which each concept's level occurs under the loads
-    (`optimisation.load_cases.find_reading`).
+    ``free_size`` is the size in m of the motion without absorber at the absorber's place
+    (`optimisation.measures.free_size`). ``readings`` has the frequency at which each concept's
+    level occurs (`optimisation.load_cases.find_reading`), by the concepts' keys.
     """
 
     case: AppliedLoads
@@ -505,10 +511,11 @@ class LoadComparison:
 
 
 def _best(left: MeanRatio, make: Callable[[float], Absorber], sizes: Array) -> Absorber:
-    """Return the absorber of the size with the least measure.
+    """Return the absorber with the least mean relative measure among a grid of ``sizes``.
 
-    The size is a gap or a friction limit. It is the best of a grid in equal ratios, refined between
-    its neighbours.
+    A size is a gap in m or a friction limit in N, and ``make`` returns its absorber. The grid has
+    equal ratios; a finer grid around its best size follows. ``left`` returns the mean relative
+    measures of absorbers.
     """
 
     def least(grid: Array) -> float:
@@ -530,12 +537,12 @@ def compare_loads(
     executor: Executor | None = None,
     progress: Stages | None = None,
 ) -> LoadComparison:
-    """Return the comparison over a number of ``factors`` of the loads' intensity.
+    """Return the comparison of concepts over a number of ``factors`` on the loads, `SPAN`.
 
-    A given ``gap`` in m replaces the best one. The absorbers are chosen with ``members`` runs, and
-    compared with as many others. ``progress`` is called with a text, the number of finished runs,
-    and the number of all runs (0: not known). An ``executor`` makes the runs elsewhere. Raises
-    KeyboardInterrupt if the runs are stopped.
+    The absorbers are optimised on ``members`` ensemble members, and compared on as many others. A
+    given ``gap`` in m is used instead of the best gap. ``progress`` is called with a text, the
+    number of finished runs, and 0, as the number of all runs is unknown. Runs are computed by
+    ``threads`` or by an ``executor``. Raises KeyboardInterrupt if the runs are stopped.
     """
     model = case.model
     loads = case.loads
@@ -544,7 +551,7 @@ def compare_loads(
     factors = count("forces", factors, 2, MOST_FORCES)
     drawn = draw_members(2 * members, seed)
     every = drives_of(drawn, loads)
-    drives = every[:members]  # on which absorbers are chosen; they are compared on the others
+    drives = every[:members]  # for the choice of absorbers; the other half is for the comparison
     mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass
     size = float(np.mean([free_size(Lane(none, drive, steady_start=True)) for drive in drives]))
     if gap is not None:

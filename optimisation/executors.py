@@ -1,8 +1,8 @@
-"""Where a command's runs are made, how long they will take, and how far they are.
+"""Executors, worker processes, progress bars and estimates of duration for the commands.
 
-Runs are made by this machine's cores, by a cluster's workers, or by processes whose tasks have a
-time limit each. The duration is estimated by a short run before the others begin. The progress is
-shown by bars on a terminal, otherwise by lines.
+Runs are computed by threads of this process, by the workers of a cluster (`executor`), or by
+processes with a time limit for each task (`Pool`). A short timed run gives the estimate before the
+other runs begin. Progress is shown as bars on a terminal, otherwise as lines of text.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 def workers(threads: int | None, cluster: str | None) -> Iterator[Workers | None]:
     """Yield the workers of the scheduler at ``cluster`` (host:port), or None without it.
 
-    Raises ParameterError with ``threads``, which are this machine's, and where the package
-    distributed is missing; ClusterError if nothing answers.
+    Raises ParameterError if both ``cluster`` and ``threads`` are given, or if the package
+    ``distributed`` is missing; ClusterError if no scheduler answers.
     """
     if cluster is None:
         yield None
@@ -59,22 +59,24 @@ def workers(threads: int | None, cluster: str | None) -> Iterator[Workers | None
 
 @contextmanager
 def executor(threads: int | None, cluster: str | None) -> Iterator[Executor]:
-    """Give the executor of a study: `workers`, or else threads (None: all cores)."""
+    """Yield the executor of a study: the cluster's `workers`, or ``threads`` (None: all cores)."""
     with workers(threads, cluster) as on:
         yield Threads(threads) if on is None else on
 
 
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
-)  # of libraries: the processes share the cores
-POLL_S = 0.5
+)  # limits of numerical libraries: the processes share the cores
+POLL_S = 0.5  # s between two checks of the time limits
 
 
 @dataclass(frozen=True)
 class PoolTask:
-    """A call of a module's function with plain values in a worker process.
+    """A call of a function in a worker process.
 
-    ``kind`` names the kernels that the call needs. ``limit_s``: time limit once these are compiled.
+    The function is defined at module level, and function, arguments and result can be pickled.
+    ``kind`` names the kernels that the call needs. ``limit_s`` is the time limit in s, without
+    compilation.
     """
 
     function: Callable[..., Any]
@@ -85,9 +87,10 @@ class PoolTask:
 
 @dataclass(frozen=True)
 class PoolOutcome:
-    """Outcome of a task: its value, or the error because of which it has none.
+    """Outcome of a task.
 
-    ``wall_s`` includes the compilation of kernels, if any.
+    ``value`` is the function's result, None after an error. ``error`` is a message, empty after
+    success. ``wall_s`` is the elapsed time in s, including any compilation of kernels.
     """
 
     task: PoolTask
@@ -98,6 +101,13 @@ class PoolOutcome:
 
 @dataclass
 class _Worker:
+    """A worker process and its current task.
+
+    ``kinds``: kernels that it has compiled or is compiling. ``since``: start of the task
+    (`time.perf_counter`). ``first``: whether the task is the worker's first of its kind, so that
+    its time limit includes compilation.
+    """
+
     process: Any
     connection: Connection
     kinds: set[str]
@@ -107,8 +117,8 @@ class _Worker:
 
 
 def _serve(connection: Connection) -> None:
-    """Answer tasks until there are none."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    """Run the tasks that arrive, and send (value, error message) for each, until None arrives."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process handles Ctrl-C
     while True:
         task = connection.recv()
         if task is None:
@@ -120,7 +130,10 @@ def _serve(connection: Connection) -> None:
 
 
 class Pool:
-    """Worker processes; `run` yields outcomes as they come."""
+    """Up to ``workers`` processes that run tasks with time limits.
+
+    ``compile_s`` (s) is added to the time limit of a worker's first task of each kind.
+    """
 
     def __init__(self, workers: int, compile_s: float) -> None:
         self.context = multiprocessing.get_context("spawn")
@@ -129,10 +142,11 @@ class Pool:
         self.workers: list[_Worker] = []
 
     def _start(self) -> _Worker:
+        """Start a process whose numerical libraries use one thread each."""
         near_end, far_end = self.context.Pipe()
         process = self.context.Process(target=_serve, args=(far_end,), daemon=True)
         before = dict(os.environ)
-        os.environ.update(ONE_THREAD)  # of the child, which inherits it
+        os.environ.update(ONE_THREAD)  # the child process inherits it
         try:
             process.start()
         finally:
@@ -143,10 +157,10 @@ class Pool:
         return _Worker(process, near_end, set())
 
     def run(self, tasks: Sequence[PoolTask]) -> Generator[PoolOutcome, None, None]:
-        """Run tasks on all workers, and yield their outcomes.
+        """Run tasks on all workers, and yield their outcomes in order of completion.
 
-        Tasks of one kind start in the given order. The workers end with the generator, also if it
-        is closed early.
+        Tasks of the same kind start in the given order. All workers end when the generator ends or
+        is closed.
         """
         pending = list(tasks)
         try:
@@ -160,7 +174,7 @@ class Pool:
             self.close()
 
     def _give(self, worker: _Worker, pending: list[PoolTask]) -> None:
-        """Hand a worker its next task, of a kind whose kernels it has loaded if there is one."""
+        """Send a pending task to a worker, preferably of a kind that the worker has compiled."""
         if not pending:
             return
         chosen = next((task for task in pending if task.kind in worker.kinds), pending[0])
@@ -169,11 +183,14 @@ class Pool:
         worker.kinds.add(chosen.kind)
         worker.task = chosen
         worker.since = time.perf_counter()
-        with suppress(OSError):  # a process that has died is noticed when its answer is due
+        with suppress(OSError):  # `_collect` reports a process that has died
             worker.connection.send(worker.task)
 
     def _collect(self) -> Iterator[PoolOutcome]:
-        """Yield the outcomes that have come in, and end tasks that take too long."""
+        """Yield the outcomes of finished tasks, of dead processes, and of tasks over their limit.
+
+        Waits at most `POLL_S`. Processes of the last two are replaced.
+        """
         busy = {worker.connection: worker for worker in self.workers if worker.task is not None}
         for connection in wait(list(busy), timeout=POLL_S):
             worker = busy[connection]  # type: ignore[index]
@@ -193,19 +210,21 @@ class Pool:
                     yield self._replace(worker, f"not finished after {limit:.0f} s")
 
     def _outcome(self, worker: _Worker, value: Any, error: str) -> PoolOutcome:
+        """Return the outcome of a worker's task, and mark the worker as idle."""
         task = worker.task
         worker.task = None
         assert task is not None
         return PoolOutcome(task, value, error, time.perf_counter() - worker.since)
 
     def _replace(self, worker: _Worker, error: str) -> PoolOutcome:
+        """End a worker, start another in its place, and return its task's outcome, an error."""
         outcome = self._outcome(worker, None, error)
         _end(worker)
         self.workers[self.workers.index(worker)] = self._start()
         return outcome
 
     def close(self) -> None:
-        """End all workers."""
+        """End all worker processes at once; tasks that are running are lost."""
         for worker in self.workers:
             _end(worker)
         self.workers = []
@@ -227,9 +246,10 @@ EVERY = 10.0  # s between two lines
 
 
 class Bar(tqdm):  # type: ignore[misc]
-    """tqdm's bar on stderr, or text lines if stderr is not a terminal.
+    """A tqdm bar on standard error, or lines of text if standard error is not a terminal.
 
-    A line with the same text is written every ten seconds.
+    A line has the numbers of the bar. Lines are at least `EVERY` seconds apart, so shorter work
+    writes none.
     """
 
     def __init__(self, *arguments: Any, bar_format: str = UNIT_BAR, **options: Any) -> None:
@@ -242,7 +262,7 @@ class Bar(tqdm):  # type: ignore[misc]
         )
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
-        """Draw the bar, or write the line if it is due."""
+        """Draw the bar, or write a line if the last is at least `EVERY` seconds old."""
         if not self.plain:
             return bool(super().display(msg, pos))
         if time.monotonic() - self.last_line >= EVERY:
@@ -252,7 +272,10 @@ class Bar(tqdm):  # type: ignore[misc]
         return True
 
     def close(self) -> None:
-        """Erase the bar or keep it; lines of text remain."""
+        """End the bar: it stays on the terminal if ``leave`` is set, otherwise it is erased.
+
+        Lines of text remain, and no further line is written.
+        """
         if self.plain:
             self.disable = True  # or it would draw once more
         super().close()
@@ -260,9 +283,9 @@ class Bar(tqdm):  # type: ignore[misc]
 
 @contextmanager
 def counting_bar(label: str, unit: str, leave: bool = True) -> Iterator[Callable[[int, int], None]]:
-    """Yield a function that shows the numbers of finished and of all items.
+    """Yield a function ``show(done, total)`` that shows the progress of a count of items.
 
-    A number that is smaller than the previous one begins a new count.
+    If ``done`` is smaller than before, a new count begins. ``unit`` names the items.
     """
     with Bar(total=0, desc=label, unit=unit, leave=leave) as bar:
 
@@ -277,9 +300,9 @@ def counting_bar(label: str, unit: str, leave: bool = True) -> Iterator[Callable
 
 @contextmanager
 def stages_bar(label: str, leave: bool = True) -> Iterator[Callable[[str, int, int], None]]:
-    """Yield a function that shows the stage and the numbers of finished and of all items.
+    """Yield a function ``show(stage, done, total)`` that shows a stage and its finished items.
 
-    The number of all items is 0 if it is not known.
+    A ``total`` of 0 is unknown and not shown.
     """
     with Bar(total=None, desc=label, bar_format="{desc} [{elapsed}]", leave=leave) as bar:
 
@@ -292,27 +315,27 @@ def stages_bar(label: str, leave: bool = True) -> Iterator[Callable[[str, int, i
 def sweeps_bar(
     label: str, leave: bool = True
 ) -> AbstractContextManager[Callable[[int, int], None]]:
-    """Give a `counting_bar` of sweeps."""
+    """Return a `counting_bar` of sweeps."""
     return counting_bar(label, "sweeps", leave)
 
 
 def runs_bar(label: str) -> AbstractContextManager[Callable[[int, int], None]]:
-    """Give a `counting_bar` of runs that leaves no trace."""
+    """Return a `counting_bar` of runs that is erased at the end."""
     return counting_bar(label, "runs", leave=False)
 
 
-LONG_S = 20.0  # from here on a command says how long it will take
-PROBE_PERIODS = 50.0  # of a run that is timed: milliseconds
-COARSER = 10.0  # times the rate: of the answer that comes first where a command takes long
-COARSE_PERIODS = 200.0  # of a sweep, at least, for such an answer
+LONG_S = 20.0  # a command prints its estimated duration if it is longer
+PROBE_PERIODS = 50.0  # length of the timed run; it takes milliseconds
+COARSER = 10.0  # factor on the sweep rate for the coarse answer that long commands print first
+COARSE_PERIODS = 200.0  # least length of a sweep for the coarse answer
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedRuns:
-    """Runs of a scene whose duration is estimated.
+    """Planned sweeps of a scene near a resonance, for an estimate of their computing time.
 
-    They are a ``number`` of sweeps near a resonance under about one ``force`` in N, of ``periods``
-    pseudo periods each.
+    ``force``: typical amplitude in N. ``periods``: length of a sweep in pseudo periods.
+    ``number``: number of sweeps, not necessarily whole.
     """
 
     scene: Scene
@@ -323,16 +346,16 @@ class PlannedRuns:
 
 
 def seconds_per_period(scene: Scene, force: float, resonance: int) -> float:
-    """Return the computing time in s of a pseudo period under a force in N at a resonance.
+    """Return the computing time in s per pseudo period under a force in N at a resonance.
 
-    It is that of the shorter of two runs, without compilation.
+    It is the smaller result of two timed runs, so compilation does not count.
     """
     schedule = constant_frequency(scene.model.resonance_omega(resonance), 1.0, PROBE_PERIODS)
     return min(simulate(scene, Drive(force, schedule)).wall_time for _ in "12") / PROBE_PERIODS
 
 
 def duration_in_words(seconds: float) -> str:
-    """Return a time in s, min, h or days with two digits."""
+    """Return a time in s as text in s, min, h or days, with two significant digits."""
     for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * size:
             return f"{float(f'{seconds / size:.2g}'):g} {unit}"
@@ -342,9 +365,9 @@ def duration_in_words(seconds: float) -> str:
 def announce_duration(
     scene: Scene, force: float, resonance: int, periods: float, runs: int, threads: int | None
 ) -> float:
-    """Estimate how long runs take in s, and print the estimate if it is long.
+    """Return the estimated duration in s of a number of equal ``runs`` (`announce_runs`).
 
-    It is printed on standard error. ``periods``: pseudo periods of a run.
+    ``force`` in N; ``periods``: length of a run in pseudo periods; ``threads`` None: all cores.
     """
     return announce_runs([PlannedRuns(scene, force, resonance, periods, runs)], threads)
 
@@ -352,12 +375,11 @@ def announce_duration(
 def announce_runs(
     planned: Sequence[PlannedRuns], threads: int | None, how: str = "A higher --rate takes less."
 ) -> float:
-    """Estimate how long runs take in s, and print the estimate if it is long.
+    """Return the estimated duration in s of planned runs on this machine.
 
-    It is printed on standard error. ``how``: a sentence on how to make the runs shorter.
-
-    The run that is timed has fewer impacts than a whole sweep may have: within a factor of about
-    three.
+    An estimate above `LONG_S` is printed on standard error, followed by ``how``, advice on a
+    shorter duration. The estimate is right within a factor of about three, because the timed run
+    may have fewer impacts per period than a sweep.
     """
     number = sum(one.number for one in planned)
     cores = max(1.0, min(threads or available_cores(), number))
@@ -371,15 +393,16 @@ def announce_runs(
 
 
 def announce_load_runs(scene: Scene, loads: Loads, runs: int, threads: int | None) -> float:
-    """Estimate how long ``runs`` of a scene under loads take in s, by timing one of them.
+    """Return the estimated duration in s of a number of ``runs`` of a scene under loads.
 
-    The estimate is printed on standard error if it is long.
+    One whole run is timed, a second one if the first may have included compilation. An estimate
+    above `LONG_S` is printed on standard error.
     """
     lane = Lane(scene, loads, steady_start=True)
     started = time.perf_counter()
     measure_lane(lane)
     seconds = time.perf_counter() - started
-    if seconds > 1.0:  # it may have been the compilation
+    if seconds > 1.0:  # the time may include compilation
         started = time.perf_counter()
         measure_lane(lane)
         seconds = time.perf_counter() - started
@@ -389,7 +412,10 @@ def announce_load_runs(scene: Scene, loads: Loads, runs: int, threads: int | Non
 
 
 def _announce(seconds: float, number: int, size: str, how: str) -> None:
-    """Print a duration on standard error where it is long."""
+    """Print a duration in s on standard error if it is above `LONG_S`.
+
+    The text has the number of runs, their ``size`` (length, in words) and the advice ``how``.
+    """
     if seconds <= LONG_S:
         return
     runs = f"{number:,} runs" if number > 1 else "one run"
@@ -400,5 +426,5 @@ def _announce(seconds: float, number: int, size: str, how: str) -> None:
 
 
 def announce_coarse(words: str) -> None:
-    """Print the answer that fast runs give before the others begin, on standard error."""
+    """Print on standard error the coarse answer that faster sweeps give before the full runs."""
     click.echo(f"Coarse answer, of single runs {COARSER:g} times as fast: {words}", err=True)

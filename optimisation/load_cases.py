@@ -1,12 +1,12 @@
 """Load cases: a force that is swept near a resonance, or other loads.
 
-A load case gives the runs that it makes with an absorber, and their measure.
+A `LoadCase` gives the runs of an absorber and their measure. The search for a gap and the
+comparison of absorbers use this interface, so the same code serves both kinds of load.
 
-A search for a gap and a comparison of absorbers go through a `LoadCase` and so exist once. Member m
-of an ensemble is a sweep up and one down with the member's phase and factor, whose larger response
-level counts, or one run under the member's own record of the loads. The runs of a design are a
-`PerformanceCurve` either way: of other loads with one run a member, and their measure
-(`optimisation.measures`) as the level.
+An ensemble member of a swept force has two runs, a sweep up and one down with the member's phase
+and factor; the larger response level counts. A member of other loads has one run under its own
+record. The results of a design are a `PerformanceCurve` in both cases. For other loads its level is
+the loads' measure (`optimisation.measures`).
 """
 
 import math
@@ -59,10 +59,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Where runs are made, and their progress.
+    """Executor and progress of runs.
 
-    ``threads`` of this process (None: all cores), or an ``executor``. ``progress`` receives the
-    numbers of finished runs and of all runs of a call.
+    Runs are computed by ``threads`` of this process (None: all cores), or by an ``executor``.
+    ``progress`` is called with the numbers of finished and of all runs.
     """
 
     threads: int | None = None
@@ -72,10 +72,10 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class Reading:
-    """Frequency at which a level under loads with a schedule was read.
+    """Frequency at which the largest displacement of a sweep occurs.
 
-    ``hertz``: that frequency, NaN for other measures. ``at_end``: whether it lies at an end of the
-    schedule.
+    ``hertz``: frequency in Hz, NaN if the loads' measure is not a response level. ``at_end``:
+    whether it lies at an end of the sweep, so that the level may be larger beyond.
     """
 
     hertz: float = math.nan
@@ -98,21 +98,21 @@ class LoadCase(Protocol):
 
     @property
     def power(self) -> float:
-        """Power of a length with which the measure scales (the scaling law)."""
+        """Exponent p of the scaling law: the measure grows with alpha^p."""
 
     @property
     def runs_a_member(self) -> int:
-        """Runs of one member: sweeps up and down, or one run."""
+        """Number of runs of an ensemble member: 2 (sweeps up and down) or 1."""
 
     @property
     def amplitude(self) -> float:
         """Force in N, or 1 for loads as they are."""
 
     def reference_gap(self, mass: float) -> float:
-        """Return the reference gap in m of a search for the gap of an absorber.
+        """Return the gap in m around which a search for the best gap takes place.
 
-        It is the design rule's gap for the absorber's ``mass`` in kg, or a gap in proportion to the
-        free motion.
+        It is the design rule's gap for the absorber's ``mass`` in kg. Without a rule it is
+        proportional to the motion without absorber.
         """
         ...
 
@@ -121,14 +121,14 @@ class LoadCase(Protocol):
         ...
 
     def reach(self, mass: float) -> float:
-        """Return the free amplitude over the rule's gap, for an absorber's mass in kg.
+        """Return the amplitude without absorber over the rule's gap, for a mass in kg.
 
         It is NaN without a rule.
         """
         ...
 
     def reference_members(self, members: int) -> int:
-        """Return the number of members that run without absorber."""
+        """Return the number of ensemble members to run without absorber, of ``members``."""
         ...
 
     def lanes(self, absorber: Absorber | None, members: Members, first: int = 0) -> list[Lane]:
@@ -138,9 +138,10 @@ class LoadCase(Protocol):
     def run(
         self, lanes: Sequence[Lane], options: RunOptions, speeds: bool = False
     ) -> tuple[LaneLevels, Array | None]:
-        """Run lanes and return their levels.
+        """Run L lanes and return (levels, None), or (levels, speeds) if ``speeds`` is True.
 
-        With ``speeds`` the largest impact speed of each lane in m/s, (L,), is returned as well.
+        ``speeds`` is the largest impact speed of each lane in m/s, (L,); only sweeps have it. Lanes
+        that were not run have NaN.
         """
         ...
 
@@ -149,8 +150,8 @@ class LoadCase(Protocol):
 class SweptForce:
     """A harmonic ``force`` in N, swept up and down near a resonance.
 
-    ``limits`` are the ends of the sweeps over the resonance's frequency; ``rate`` is in % of this
-    frequency per 100 pseudo periods.
+    ``limits`` are the ends of the sweeps, relative to the resonance's frequency. ``rate`` is in %
+    of this frequency per 100 pseudo periods.
     """
 
     model: ModalModel
@@ -172,22 +173,22 @@ class SweptForce:
         return design_gap(self.model, mass, self.force, self.resonance)
 
     def reference_gap(self, mass: float) -> float:
-        """Return the rule's gap."""
+        """Return the design rule's gap in m."""
         return self.rule_gap(mass)
 
     def reach(self, mass: float) -> float:
-        """Return the free amplitude over the rule's gap, for an absorber's mass in kg."""
+        """Return the amplitude without absorber over the rule's gap, for a mass in kg."""
         return reach(self.model, mass, self.resonance)
 
     def reference_members(self, _members: int) -> int:
-        """Return 1, the number of members without absorber.
+        """Return 1: a single member is run without absorber.
 
-        Without absorber the members' levels differ only by their factors of the force, a millionth.
+        Without absorber the members' levels differ by at most a millionth, as their forces do.
         """
         return 1
 
     def curve_case(self, absorber: Absorber | None, model: ModalModel | None = None) -> CurveCase:
-        """Return the sweeps with an absorber or none, on another model if one is given."""
+        """Return the case of the sweeps with an absorber or none, on ``model`` if it is given."""
         return CurveCase(
             Scene(self.model if model is None else model, absorber),
             np.array([self.force]),
@@ -198,7 +199,7 @@ class SweptForce:
         )
 
     def lanes(self, absorber: Absorber | None, members: Members, first: int = 0) -> list[Lane]:
-        """Return the runs of the members from number ``first`` on, each up and down."""
+        """Return the runs of members from number ``first`` on: up and down, for each in turn."""
         case = self.curve_case(absorber)
         up, down = case.schedules()
         return [
@@ -211,16 +212,17 @@ class SweptForce:
     def run(
         self, lanes: Sequence[Lane], options: RunOptions, speeds: bool = False
     ) -> tuple[LaneLevels, Array | None]:
-        """Run lanes, `run_swept`."""
+        """Run lanes and return their levels, and impact speeds if wanted (`run_swept`)."""
         return run_swept(lanes, options, speeds)
 
 
 def run_swept(
     lanes: Sequence[Lane], options: RunOptions, speeds: bool = False
 ) -> tuple[LaneLevels, Array | None]:
-    """Run sweeps and return their response levels.
+    """Run L sweeps and return (levels, None), or (levels, speeds) if ``speeds`` is True.
 
-    With ``speeds`` the largest impact speed of each sweep in m/s, (L,), is returned as well.
+    ``speeds`` is the largest impact speed of each sweep in m/s, (L,). Sweeps that were not run have
+    NaN.
     """
     if not speeds:
         levels = run_lanes(
@@ -241,12 +243,12 @@ def swept_force(
     mass_ratio: float = DEFAULT_MASS_RATIO,
     rate: float | None = None,
 ) -> SweptForce:
-    """Return a force in N that is swept over the range of all absorbers of a mass ratio.
+    """Return a swept ``force`` (N) whose range contains the resonances of all kinds of absorber.
 
-    The range is that of `optimisation.sweep_range`.
+    The range is `optimisation.sweep_range.find_sweep_range` for the mass ratio.
 
     ``rate`` in % per 100 pseudo periods; None: `impact_env.drive.default_rate`. Raises
-    ParameterError for numbers out of range.
+    ParameterError for arguments out of range.
     """
     force = usable_force("force", force)
     limits = find_sweep_range(model, mass_ratio, resonance)
@@ -257,6 +259,7 @@ def swept_force(
 def _measure_lanes(
     lanes: Sequence[Lane], measure: Callable[[Lane], object], options: RunOptions
 ) -> list[object | None]:
+    """Return ``measure`` of each lane, None for lanes that were not run."""
     return each_lane(
         lanes,
         measure,
@@ -268,7 +271,10 @@ def _measure_lanes(
 
 
 def measure_level_and_speed(lane: Lane) -> tuple[float, ...]:
-    """Run a lane; return the numbers of `LaneLevels` and the largest impact speed in m/s."""
+    """Run a sweep and return seven numbers: the fields of `LaneLevels` in order, then a speed.
+
+    The speed is the largest impact speed in m/s, 0 without impacts.
+    """
     response = simulate(lane.scene, lane.drive, initial=lane.start, record=Record(events=True))
     level = response.level
     impacts = response.impacts
@@ -287,10 +293,10 @@ def measure_level_and_speed(lane: Lane) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class AppliedLoads:
-    """Loads that act on a structure.
+    """Loads that act on a structure, with the measure `optimisation.measures.measure_of`.
 
-    Their measure is `optimisation.measures.measure_of`. ``resonance``: resonance of the design
-    rule's gap for a swept force.
+    If the loads are a single swept force, the design rule gives a gap for it near ``resonance``
+    (counted from 1).
 
     Raises ParameterError for loads that the structure cannot have.
     """
@@ -311,11 +317,14 @@ class AppliedLoads:
 
     @property
     def power(self) -> float:
-        """Power of a length with which the measure scales: 0 for a decay time."""
+        """Exponent of the scaling law: 0 for a decay time, otherwise 1."""
         return 0.0 if self.measure == DECAY else 1.0
 
     def times(self, factor: float) -> "AppliedLoads":
-        """Return the same loads times a factor."""
+        """Return the case with the loads multiplied by a factor.
+
+        Raises ParameterError for a factor that is not positive.
+        """
         factor = positive("force, a factor on the loads", factor)
         return replace(self, loads=self.loads.member(Member(factor=factor)))
 
@@ -323,7 +332,8 @@ class AppliedLoads:
     def free_size(self) -> float:
         """Size in m of the free motion at the absorber's place.
 
-        It is `optimisation.measures.free_size` of an ensemble's first member.
+        It is `optimisation.measures.free_size` of an ensemble's first member. Raises ParameterError
+        for loads that do not move this place.
         """
         size = free_size(self.lanes(None, draw_members(1, 0))[0])
         require(size > 0, "load", 0.0, "one that moves the absorber's place")
@@ -351,7 +361,10 @@ class AppliedLoads:
         )
 
     def reference_gap(self, mass: float) -> float:
-        """Return the rule's gap in m, or `START` times the free motion's size."""
+        """Return the design rule's gap in m, without a rule `START` times `free_size`.
+
+        ``mass`` in kg.
+        """
         size = self.free_size
         rule = self.rule_gap(mass)
         return START * size if math.isnan(rule) else rule
@@ -370,7 +383,7 @@ class AppliedLoads:
         return impact_absorber(gap, restitution, friction_limit, mass_ratio)
 
     def reach(self, mass: float) -> float:
-        """Return the free amplitude over the rule's gap for a single swept force.
+        """Return the amplitude without absorber over the rule's gap, for a single swept force.
 
         It is NaN for other loads. ``mass`` in kg.
         """
@@ -381,11 +394,11 @@ class AppliedLoads:
         )
 
     def reference_members(self, members: int) -> int:
-        """Return all of them: each has a record of its own."""
+        """Return ``members``: each has a record of its own, so all are run without absorber."""
         return members
 
     def lanes(self, absorber: Absorber | None, members: Members, first: int = 0) -> list[Lane]:
-        """Return the runs of the members from number ``first`` on."""
+        """Return the run of each member from number ``first`` on."""
         scene = Scene(self.model, absorber)
         drives = drives_of(members, self.loads)[first:]
         return [Lane(scene, drive, steady_start=True) for drive in drives]
@@ -393,7 +406,10 @@ class AppliedLoads:
     def run(
         self, lanes: Sequence[Lane], options: RunOptions, speeds: bool = False
     ) -> tuple[LaneLevels, Array | None]:
-        """Run lanes; return the loads' measure of each as the level, and no speeds."""
+        """Run L lanes and return their measures as levels, and None.
+
+        Other results of `LaneLevels` are NaN. ``speeds`` must be False.
+        """
         assert not speeds
         values = _measure_lanes(lanes, measure_lane, options)
         level = np.array([math.nan if one is None else one for one in values], dtype=np.float64)
@@ -403,7 +419,10 @@ class AppliedLoads:
 
 
 def measure_curve(factors: Array, members: Members, values: Array) -> PerformanceCurve:
-    """Return measures (F, M) of one run a member over ``factors`` (F,) on loads as a curve."""
+    """Return a curve of measures over factors on loads, with a run for each of M members.
+
+    ``factors`` (F,); ``values`` (F, M): measures, NaN for runs that were not made.
+    """
     level = values[..., None]
     other = np.full(level.shape, np.nan)
     complete = not np.isnan(level).any()
@@ -412,9 +431,10 @@ def measure_curve(factors: Array, members: Members, values: Array) -> Performanc
 
 
 def find_reading(model: ModalModel, absorber: Absorber | None, loads: Excitation) -> Reading:
-    """Return where an absorber's level is read under loads with one schedule, from one run.
+    """Return the frequency at which an absorber's largest displacement under loads occurs.
 
-    The frequency is NaN for other measures, and if there are several bands.
+    It is found by a run. It is NaN if the measure is not a response level, or if the loads have
+    several frequency bands.
     """
     if not isinstance(loads, Loads) or measure_of(loads) != LEVEL:
         return NO_READING
@@ -431,10 +451,9 @@ def find_reading(model: ModalModel, absorber: Absorber | None, loads: Excitation
 
 
 def measure_bands(lane: Lane) -> tuple[float, ...]:
-    """Run a lane and return the measure of its loads.
+    """Run a lane and return the measure in each frequency band of its loads.
 
-    If there are several bands (`optimisation.signals.edges_of`), the measure of each band is
-    returned.
+    The bands are those of `optimisation.signals.edges_of`; usually there is a single band.
     """
     edges = edges_of(lane.scene.model, lane.drive)
     return band_levels(lane) if len(edges) > 2 else (measure_lane(lane),)
@@ -449,9 +468,10 @@ def runs_of(
     executor: Executor | None = None,
     progress: LaneProgress | None = None,
 ) -> Array:
-    """Return the measure of each absorber under each drive, (absorbers, drives, ...).
+    """Return ``measure`` of each absorber under each drive, (absorbers, drives, ...).
 
-    Raises KeyboardInterrupt if the runs were interrupted.
+    The last axis is the band if ``measure`` is `measure_bands`. Raises KeyboardInterrupt if the
+    runs were stopped.
     """
     measured_lanes = each_lane(
         [

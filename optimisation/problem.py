@@ -1,10 +1,10 @@
 """A design problem: a space, conditions, objectives and constraints.
 
-A design becomes runs, and the runs become a score.
+The measures of a design's runs give its score.
 
-`Problem.evaluate` is for optimisers of other packages: arrays in, arrays out, in the order of the
-designs. All runs of a batch are made in one call, on the cores of this machine or on other
-machines' workers.
+`Problem.evaluate` is for optimisers of other packages: it takes an array of designs and returns
+arrays in the same order. All runs of a batch are made in one call, on the cores of this machine or
+on workers of other machines.
 """
 
 import math
@@ -83,10 +83,9 @@ Progress = Callable[[int, int], None]  # takes the number of finished runs and o
 FORMAT = 3  # of the description: raised when the meaning of a problem changes
 FATIGUE_EXPONENT = 5.0
 MEMBERS_A_CHUNK = 4
-GAP_MARGIN = 1e-9  # below a limit on the stroke: an impact is found to rounding
-FAILED = 1e6  # what a design costs whose runs the integrator gives up
-# what a broken constraint costs where a method knows no constraints, and more the worse it is
-# broken
+GAP_MARGIN = 1e-9  # relative, below a limit on the stroke: impacts are found to rounding
+FAILED = 1e6  # cost of a design with a run that the integrator gives up
+# least cost of a violated constraint for methods without constraints; it grows with the violation
 PENALTY = 1e3
 
 
@@ -94,10 +93,30 @@ PENALTY = 1e3
 class Problem:
     """Problem to find the best design of a ``space`` under ``conditions``.
 
-    ``rate``: sweep rate in % per 100 pseudo periods.
+    Parameters
+    ----------
+    space : DesignSpace
+        Designs.
+    conditions : tuple of Condition
+        Forces or loads, one or more.
+    objectives, constraints : tuple of Objective, tuple of Constraint
+        One or more objectives, and any number of constraints.
+    beam : Structure
+        Structure; default: the paper's beam.
+    members, seed : int
+        Number of ensemble members of a search, and their seed.
+    rate : float
+        Sweep rate in % per 100 pseudo periods; default: `usual_rate`.
+    fatigue_exponent : float
+        Exponent of the stress in the measure of fatigue damage.
+    uncertain : mapping
+        Uncertain quantities, see `optimisation.tolerances`. Each member draws its own values, the
+        same for every design.
 
-    It is `usual_rate` unless given. ``uncertain``, as in `optimisation.tolerances`: each member
-    draws its own numbers, the same for every design.
+    Raises
+    ------
+    ParameterError
+        A value is not allowed, or the parameters do not fit together.
     """
 
     space: DesignSpace
@@ -161,9 +180,9 @@ class Problem:
             )
 
     def _cut_gaps_by_stroke(self) -> None:
-        """Remove gaps from the space that are wider than a limit of the stroke.
+        """Narrow the bounds of the gap in the space to a limit on the stroke, if there is one.
 
-        Between rigid walls the gap limits the stroke.
+        Between rigid walls the gap limits the stroke. The new bounds are in m.
         """
         strokes = [c.limit for c in self.constraints if c.name == STROKE]
         if not strokes:
@@ -186,8 +205,8 @@ class Problem:
     def _require_uncertain(self) -> None:
         """Raise ParameterError if an uncertain quantity does not exist in the problem.
 
-        The error is also raised if two numbers are given for a quantity that has no single nominal
-        value.
+        The error is also raised for a distribution with absolute bounds of a quantity that has
+        several nominal values, such as a free variable or different forces.
         """
         require_parts(self.spreads, self.space.default.absorber())
         several = {
@@ -205,13 +224,14 @@ class Problem:
 
     @cached_property
     def spreads(self) -> tuple[Distribution, ...]:
-        """Distributions of the uncertain quantities."""
+        """Distributions of the uncertain quantities in ``uncertain``."""
         return spreads(self.uncertain)
 
     def _require_loads(self) -> None:
         """Raise ParameterError for options that cannot be combined with loads.
 
-        These are forces, uncertain quantities, and limits in m if a decay is measured.
+        They are conditions without loads, uncertain quantities, and levels in m if a decay time is
+        measured. The error is also raised for loads that the structure cannot have.
         """
         every_load = [
             condition.loads for condition in self.conditions if condition.loads is not None
@@ -240,11 +260,14 @@ class Problem:
 
     @property
     def under_loads(self) -> bool:
-        """Whether other loads than forces act."""
+        """Whether the conditions have loads, instead of forces that are swept."""
         return self.conditions[0].loads is not None
 
     def _place(self) -> None:
-        """Put the absorber at the structure's own place if the space has no place."""
+        """Put the absorber at the structure's own place if the space has no position.
+
+        Raises ParameterError for positions that the structure does not have.
+        """
         if isinstance(self.beam, ModalModel):
             object.__setattr__(self, "space", self.space.on_places(len(self.beam.places)))
             return
@@ -269,17 +292,18 @@ class Problem:
     def model(self) -> ModalModel:
         """Modal model of the structure without absorber.
 
-        Its tip shape is that of the structure's own place for an absorber.
+        Its tip shape has the mode shapes at the structure's own place for an absorber.
         """
         return model_with_absorber_at(self.beam)
 
     @cached_property
     def units(self) -> Units:
-        """Units of the structure in which the space counts.
+        """Units of the scaled variables of the space, from the structure and a force per resonance.
 
-        For several forces at a resonance they follow from the geometric mean of the forces.
-
-        Of loads the force counts for which the design rule gives the gap that a search begins with.
+        The force is the geometric mean of the forces of all conditions at that resonance. A
+        condition with loads counts with the force for which the design rule gives the gap that a
+        search under these loads begins with. Raises ParameterError for loads that do not move the
+        absorber's place.
         """
         forces: dict[int, list[float]] = {}
         gaps = {
@@ -310,14 +334,14 @@ class Problem:
 
     @cached_property
     def usual_rate(self) -> float:
-        """Sweep rate for the damping of the least damped resonance of the conditions.
+        """Default sweep rate in % per 100 pseudo periods.
 
-        See `default_rate`.
+        It follows from the least damped resonance of the conditions, see `default_rate`.
         """
         return default_rate(self.model, [condition.resonance for condition in self.conditions])
 
     def sweep_ratio(self, condition: Condition) -> float:
-        """Return the level of a condition's sweeps without absorber over the stationary level.
+        """Return the level in sweeps without absorber over the level in stationary vibration.
 
         See `optimisation.sweep_range`. The ratio is NaN for a condition with loads.
         """
@@ -327,9 +351,9 @@ class Problem:
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """Measures of the runs, the columns of all arrays of measures.
+        """Names of the measures of a run, in the order of `MEASURES`.
 
-        They are in the order of `MEASURES`.
+        They are the last axis of all arrays of measures.
         """
         needed = {
             name
@@ -341,14 +365,14 @@ class Problem:
 
     @cached_property
     def ensemble(self) -> Members:
-        """Members of a search, the same for every design.
+        """Ensemble of a search, the same for every design.
 
-        Reported results never use them, see `fresh_ensemble`.
+        Reported results use the members of `fresh_ensemble` instead.
         """
         return draw_members(self.members, self.seed)
 
     def fresh_ensemble(self, members: int, which: int) -> Members:
-        """Return members that no search has seen; another ``which``, other members."""
+        """Return ensemble members that no search has used; each ``which`` has other members."""
         (seed,) = np.random.SeedSequence([self.seed, 1 + which]).generate_state(1)
         return draw_members(members + 1, int(seed))[
             1:
@@ -374,11 +398,10 @@ class Problem:
         }
 
     def chunks(self, design: Design | None, ensemble: Members, rate: float) -> list[Chunk]:
-        """Return a design's runs, in chunks of a condition and a few members.
+        """Return a design's runs at a sweep rate, in chunks of one condition and a few members.
 
-        Each member sweeps up and down, or runs once under the loads.
-
-        None is the beam without absorber, under one newton.
+        Each member has a sweep up and a sweep down, or one run under the loads. ``design`` None is
+        the structure without absorber, under a force of 1 N or the condition's loads.
         """
         scenes = {
             detuning: self._scene(design, detuning)
@@ -451,9 +474,10 @@ class Problem:
 
     @cached_property
     def _beams(self) -> dict[float, tuple[Structure, Array | None, ModalModel]]:
-        """Structure of each detuning, with its stress shape and its modal model.
+        """Structure, stress shape and modal model by the detuning of the conditions.
 
-        The modal model has the absorber at the structure's own place.
+        The stress shape is None if the structure has none. The modal model has the absorber at the
+        structure's own place.
         """
         every = {}
         for detuning in {condition.detuning for condition in self.conditions}:
@@ -470,19 +494,19 @@ class Problem:
         return {}
 
     def join(self, parts: Sequence[Array], members: int) -> Array:
-        """Return the measures of a design's chunks as one array.
+        """Return the measures of a design's chunks, or of its conditions, as one array.
 
-        Its shape is (members, conditions, up or down, measures).
+        Its shape is (members, conditions, 2, measures) for sweeps up and down, and (members,
+        conditions, 1, measures) under loads.
         """
         rows = np.concatenate(parts).reshape(len(self.conditions), members, -1, len(self.measures))
         return np.ascontiguousarray(rows.transpose(1, 0, 2, 3))
 
     def reference(self, ensemble: Members, rate: float) -> Array:
-        """Return the measures without absorber, under the conditions' forces.
+        """Return the measures without absorber, under the conditions' forces, shaped as by `join`.
 
-        Their shape is (members, conditions, up or down, measures). The structure is linear, so
-        swept forces are computed with 1 N and scaled; loads are simulated as they are. The result
-        is stored for the next call.
+        The structure is linear, so swept forces are computed with 1 N and scaled; loads are
+        simulated as they are. The result is stored for the next call.
         """
         key = (rate, ensemble.key)
         if key not in self._references:
@@ -508,7 +532,8 @@ class Problem:
     def score(self, design: Design, measured: Array, ensemble: Members, rate: float) -> Score:
         """Return a design's score from its measures.
 
-        ``measured``: (members, conditions, up or down, measures), of these members at this rate.
+        ``measured``, shaped as by `join`, has the measures of this ensemble at this rate. If one of
+        them is NaN the score is that of a failed design, with the values ``FAILED``.
         """
         if np.isnan(measured).any():
             return Score(
@@ -526,9 +551,10 @@ class Problem:
         )
 
     def member_values(self, measured: Array, ensemble: Members, rate: float) -> Array:
-        """Return one value for each objective and member, (objectives, members).
+        """Return the value of each objective for each member, (objectives, members).
 
-        They are computed from a design's measures.
+        ``measured`` has the design's measures, shaped as by `join`. Relative objectives are divided
+        by the larger reference of both sweep directions.
         """
         reference = self.reference(ensemble, rate)
         rows = []
@@ -561,17 +587,17 @@ class Problem:
         return evaluate_arrays(self, X, ensemble, executor, progress, failures)
 
     def cost(self, score: Score) -> float:
-        """Return the cost of the first objective.
+        """Return the first objective's value, with the opposite sign if it is to be maximised.
 
-        It is infinite for a design that breaks a constraint or failed.
+        It is infinite for a design that violates a constraint or failed.
         """
         value = -score.values[0] if self.objectives[0].maximise else score.values[0]
         return value if score.feasible else math.inf
 
     def penalised_cost(self, score: Score) -> float:
-        """Return `cost`, or a finite number far above all costs if a constraint is violated.
+        """Return `cost`, or a large finite number for a design that is not feasible.
 
-        The number grows with the violation.
+        The number grows with the violation; it is largest for a failed design.
         """
         return self.cost(score) if score.feasible else PENALTY * (1 + min(score.violation, PENALTY))
 
@@ -579,9 +605,10 @@ class Problem:
 def run_chunks(
     chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None
 ) -> Iterator[tuple[int, Array]]:
-    """Yield (number of the chunk, its measures (lanes, measures)) as chunks are finished.
+    """Yield (index of a chunk, its measures (lanes, measures)) as chunks are finished.
 
-    If the generator is closed, chunks that have not begun are dropped.
+    ``progress`` is called with the numbers of finished and of all runs. If the generator is closed,
+    chunks that have not begun are dropped.
     """
     total = sum(len(chunk.lanes) for chunk in chunks)
     done = 0
@@ -615,11 +642,11 @@ def evaluate(
     executor: Executor,
     progress: Progress | None = None,
 ) -> Iterator[tuple[int, Array]]:
-    """Yield (index of the design, its measures) as designs are finished.
+    """Yield (index of a design, its measures) as designs are finished.
 
-    The measures are (members, conditions, up or down, measures). ``rate`` is as in `Problem`.
-    Designs begin in the given order, so that after an interruption the first ones are complete.
-    Raises ParameterError if the simulator refuses a design; a run with an IntegrationError is NaN.
+    The measures are shaped as by `Problem.join`; those of a run with an IntegrationError are NaN.
+    ``rate`` is as in `Problem`. Designs begin in the given order, so that after an interruption the
+    first ones are complete. Raises ParameterError if the simulator refuses a design.
     """
     owned = [problem.chunks(design, ensemble, rate) for design in designs]
     owners = [k for k, own in enumerate(owned) for _ in own]
@@ -641,16 +668,17 @@ def evaluate(
 
 
 class ProblemValues(NamedTuple):
-    """Values, constraints and spread of N designs, in the order of their rows.
+    """Values, constraints and spread of N designs, one in each row.
 
-    NaN for failed designs.
+    Rows of failed designs are NaN.
 
     Attributes
     ----------
     F : array, (N, objectives)
-        Values, all to be minimised; those to be maximised have the opposite sign.
+        Values of the objectives, all to be minimised: values of objectives to be maximised have the
+        opposite sign.
     G : array, (N, constraints)
-        Relative excess over each limit, 0 or below if it is satisfied.
+        Relative excess over the limit of each constraint, 0 or below if it is satisfied.
     spread : array, (N, objectives)
         Bootstrap standard error of F over the members, NaN for one member.
     """
@@ -670,11 +698,11 @@ def evaluate_arrays(
 ) -> ProblemValues:
     """Return F, G and spread of designs at coordinates ``X`` (N, variables), see `ProblemValues`.
 
-    Coordinates are those of ``problem.space`` (`DesignSpace.low` and `high`). ``ensemble`` None is
-    the search's own members (use `Problem.fresh_ensemble` for results to report), ``executor`` None
-    all cores. Rows are NaN if they are out of bounds, if the simulator refuses them, or if a run
-    fails; ``failures`` receives the reason by the row's index. Raises ParameterError unless X has a
-    column for each variable.
+    Coordinates are the free variables of ``problem.space``, between `DesignSpace.low` and `high`.
+    ``ensemble`` None is the search's own members (use `Problem.fresh_ensemble` for results to
+    report), ``executor`` None all cores. Rows are NaN for designs out of bounds, designs that the
+    simulator refuses, and designs with a failed run; ``failures`` receives the reason by the row's
+    index. Raises ParameterError unless X has a column for each variable.
     """
     rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
     free = problem.space.free
@@ -724,7 +752,7 @@ def evaluate_arrays(
 def _row(
     problem: Problem, design: Design, measured: Array, ensemble: Members
 ) -> tuple[Array, Array, Array]:
-    """Return a design's row of F, G and spread from its measures."""
+    """Return a design's rows of F, G and spread from its measures, shaped as by `Problem.join`."""
     score = problem.score(design, measured, ensemble, problem.rate)
     signs = np.array([-1.0 if objective.maximise else 1.0 for objective in problem.objectives])
     members = problem.member_values(measured, ensemble, problem.rate)

@@ -1,20 +1,22 @@
-"""Uncertain quantities as distributions, and the tolerances that a device may have.
+"""Distributions of uncertain quantities, and the tolerances that a device may have.
 
-`spreads` and `draw_lane` make runs with all uncertain quantities drawn. `find_tolerances` finds the
-largest manufacturing tolerances of gap, restitution and friction with which a device's level stays
-below a limit.
+`spreads` reads distributions, and `draw_lane` returns a run with drawn values. `find_tolerances`
+finds the largest manufacturing tolerances of gap, restitution and friction with which a device's
+level stays below a limit.
 
-A quantity is uniform within its tolerance to either side. Let r (0 to 1) be a draw's distance from
-the nominal device over the widest box that is tried: the largest of its coordinates, each over its
-half width. A box of scale s holds the draws with r <= s, and in d dimensions a uniform draw of it
-has the density d r^(d - 1)/s^d. Draws whose r is uniform in 0 to 1 and whose direction is uniform
-on the box's surface serve all scales at once:
+Each of d quantities is uniform within its tolerance to either side of its nominal value. The widest
+tolerances that are tried define a box around the nominal device. Coordinates are deviations over
+these half widths, from -1 to 1. The distance r of a draw (0 to 1) is the largest absolute
+coordinate. A box scaled by s contains the draws with r <= s; for uniform draws in it, r has the
+density d r^(d - 1)/s^d. Draws with r uniform in 0 to 1, and uniform on the surface of the box of
+that scale, therefore serve all scales at once:
 
     P(level > limit | s) = d/s^d * integral from 0 to s of r^(d - 1) p(r) dr,
 
-with p(r) the probability at distance r, which does not fall with r: it is the isotonic regression
-of the draws. The scale is the largest with which the level stays below the limit with a probability
-of `SURE`. Each draw is another member of the ensemble, so chaos is part of the probability.
+where p(r) is the probability of a level above the limit at distance r. It is assumed not to fall
+with r, and found by isotonic regression of the draws. The tolerances belong to the largest s at
+which the level stays below the limit with a probability of `SURE`. Each draw runs with an ensemble
+member of its own, so the probability includes the effect of chaos.
 """
 
 import math
@@ -45,11 +47,11 @@ from optimisation.calibration.posterior import Posterior
 
 # Uncertain quantities: damping, frequency, force, gap, restitution and friction.
 #
-# ``uncertain=`` of Python and ``--uncertain`` of commands say the same: ``{"gap": "5%"}`` is a
-# normal distribution around the number itself with this standard deviation, cut at three of them;
-# ``{"gap": (0.9e-3, 1.1e-3)}`` is uniform, in SI units (frequency in Hz); ``("-3%", "5%")`` is
-# uniform around the number. The draws of a calibration's posterior are joint: those of one member
-# are one row of them (`posterior_spreads`).
+# ``uncertain=`` in Python and ``--uncertain`` of commands have the same values. ``{"gap": "5%"}``
+# is a normal distribution around the nominal value with a standard deviation of 5 % of it,
+# truncated at three standard deviations. ``{"gap": (0.9e-3, 1.1e-3)}`` is uniform, in SI units
+# (frequency in Hz). ``("-3%", "5%")`` is uniform, relative to the nominal value. Draws of a
+# calibration's posterior are joint: a member has one row of the posterior (`posterior_spreads`).
 
 DAMPING = "damping"
 FREQUENCY = "frequency"
@@ -59,8 +61,8 @@ RESTITUTION = "restitution"
 FRICTION = "friction"
 OF_ABSORBER = (GAP, RESTITUTION, FRICTION)
 NAMES = (DAMPING, FREQUENCY, FORCE, *OF_ABSORBER)
-CUT = 3.0  # standard deviations
-MOST_SHARE = 1 / CUT  # so that nothing is drawn below 0
+CUT = 3.0  # standard deviations at which a normal distribution is truncated
+MOST_SHARE = 1 / CUT  # largest relative standard deviation: no value is below 0
 FORM = 'a standard deviation as "5%", or two numbers, the lower one first, in SI units or both in %'
 UncertainInput = Mapping[str, str | Sequence[float | str]]
 
@@ -69,8 +71,10 @@ UncertainInput = Mapping[str, str | Sequence[float | str]]
 class Distribution:
     """Distribution of the uncertain quantity ``name``.
 
-    It is uniform from ``low`` to ``high``; these are relative to the nominal value if ``relative``.
-    If ``normal``, it is normal with the standard deviation ``high``.
+    It is uniform from ``low`` to ``high`` in SI units (frequency in Hz). If ``relative``, the ends
+    are deviations relative to the nominal value (-0.03: 3 % below it). If ``normal``, it is normal
+    around the nominal value with the relative standard deviation ``high``, truncated at three of
+    them.
     """
 
     name: str
@@ -81,12 +85,12 @@ class Distribution:
 
     @property
     def column(self) -> str:
-        """Name of the random share that draws it: its own."""
+        """Key of the random number of `shares` from which a value is drawn: the quantity's name."""
         return self.name
 
     @property
     def words(self) -> str:
-        """The distribution as it is given."""
+        """The name and the distribution, as the user gives them."""
         if self.normal:
             return f"{self.name} {100 * self.high:g}%"
         return (
@@ -96,7 +100,7 @@ class Distribution:
         )
 
     def value_at(self, share: float, nominal: float) -> float:
-        """Return the value at a ``share`` (0 to 1) of the quantity's distribution.
+        """Return the quantile at the probability ``share`` (0 to 1), in the quantity's unit.
 
         ``nominal``: nominal value of the quantity.
         """
@@ -112,36 +116,34 @@ POSTERIOR_NAMES = {"friction_limit": FRICTION}  # in a calibration, and here
 
 @dataclass(frozen=True)
 class PosteriorDistribution(Distribution):
-    """A quantity's column of the draws of a posterior.
+    """Draws of a quantity from a posterior: a column of the posterior's rows.
 
-    All columns of a member are of the same row, so that correlations are preserved.
+    An ensemble member takes all quantities from the same row, which preserves correlations.
     """
 
     values: tuple[float, ...] = ()
 
     @property
     def column(self) -> str:
-        """Name of the random share that draws it: one for all quantities of a posterior."""
+        """Key of the random number of `shares`: the same for all quantities of a posterior."""
         return POSTERIOR
 
     @property
     def words(self) -> str:
-        """The distribution in words: its median and 90 % interval."""
+        """The name, the median and the 90 % interval, in words."""
         low, median, high = np.quantile(self.values, (0.05, 0.5, 0.95))
         return f"{self.name} {median:.4g} ({low:.4g} to {high:.4g})"
 
     def value_at(self, share: float, nominal: float) -> float:  # noqa: ARG002 - of every distribution
-        """Return the value of the row at a ``share`` (0 to 1) of all rows."""
+        """Return the value in the row number ``share`` (0 to 1) times the number of rows."""
         return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
 
 
 def posterior_spreads(posterior: Posterior, absorber: Absorber) -> tuple[Distribution, ...]:
-    """Return the distributions of a posterior for a device whose gap is to be chosen.
+    """Return a posterior's distributions of restitution, friction, damping and frequency.
 
-    They are those of restitution, friction, damping and frequency.
-
-    The measured gap is that of the measured device, and is left out; so is friction where the
-    absorber has none.
+    They are for the design of a new device, so the gap of the measured device is left out. Friction
+    is left out if the absorber has none.
     """
     parts = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
     has_friction = all(getattr(part, "friction", None) is not None for part in parts)
@@ -156,7 +158,10 @@ def posterior_spreads(posterior: Posterior, absorber: Absorber) -> tuple[Distrib
 
 
 def _number(path: str, word: float | str) -> tuple[float, bool]:
-    """Return a number and whether it was given in %, then as a share."""
+    """Return (number, True) for a value in %, divided by 100, otherwise (number, False).
+
+    Raises ParameterError that names ``path``.
+    """
     text = str(word).strip()
     try:
         value = finite(path, float(text.removesuffix("%")))
@@ -166,9 +171,9 @@ def _number(path: str, word: float | str) -> tuple[float, bool]:
 
 
 def spreads(uncertain: UncertainInput) -> tuple[Distribution, ...]:
-    """Return the distributions that are given by name, in the order of `NAMES`.
+    """Return the distributions that ``uncertain`` defines (`FORM`), in the order of `NAMES`.
 
-    Raises ParameterError for a value that is not a distribution.
+    Raises ParameterError for an unknown name, and for a value that is no distribution.
     """
     uncertain = instance("uncertain", uncertain, Mapping)
     distributions = {}
@@ -199,12 +204,15 @@ def spreads(uncertain: UncertainInput) -> tuple[Distribution, ...]:
 
 
 def plain(every: Sequence[Distribution]) -> dict[str, list[str]]:
-    """Return distributions as JSON values, in words."""
+    """Return the words of each distribution, without its name, for JSON."""
     return {one.name: one.words.split()[1:] for one in every}
 
 
 def require_parts(every: Sequence[Distribution], absorber: Absorber) -> None:
-    """Raise ParameterError if an absorber lacks what is uncertain."""
+    """Raise ParameterError if an absorber lacks a part with an uncertain quantity.
+
+    Gap and restitution need rigid walls. Friction needs a friction limit.
+    """
     parts = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
     for one in every:
         walls = all(
@@ -225,10 +233,10 @@ def require_parts(every: Sequence[Distribution], absorber: Absorber) -> None:
 
 
 def shares(every: Sequence[Distribution], members: Members) -> list[dict[str, float]]:
-    """Return for each member its share (0 to 1) of each distribution.
+    """Return random numbers (0 to 1) by the names of distributions, for each ensemble member.
 
-    It is drawn from the member's phase and factor, so that it is the same in every run of that
-    member.
+    The numbers depend only on the member's phase and factor, so that all runs of a member have the
+    same.
     """
     columns = []
     for phase, factor in zip(members.phases, members.factors, strict=True):
@@ -246,11 +254,15 @@ def draw_lane(
     resonance: int,
     force: float,
 ) -> Lane:
-    """Return a lane with each uncertain quantity at its share.
+    """Return a lane whose uncertain quantities have drawn values.
 
-    The sweep follows the structure's own frequency. ``force``: that of the drive in N.
+    ``share`` has a random number (0 to 1) for each distribution, by name (`shares`). ``force`` is
+    the nominal amplitude of the drive in N. Damping and frequency are set for the ``resonance``
+    (counted from 1), and change by the same factor in all modes. The sweep scales with the
+    frequency.
 
-    Raises ParameterError where the damping is uncertain and the resonance has none.
+    Raises ParameterError if an uncertain damping, frequency or force is nominally 0, or if the
+    drive is not a single swept force.
     """
     model = lane.scene.model
     nominal = {
@@ -284,9 +296,10 @@ def draw_lane(
 
 
 def on_another_structure(lane: Lane, damping: float, frequency: float, force: float = 1.0) -> Lane:
-    """Return a lane with damping, frequencies and force multiplied by factors.
+    """Return a lane with damping ratios, frequencies and force multiplied by factors.
 
-    The sweep follows the structure's own frequency.
+    The sweep scales with the frequencies. Raises ParameterError unless the drive is a single swept
+    force.
     """
     model = lane.scene.model
     drive = lane.drive
@@ -310,6 +323,7 @@ def on_another_structure(lane: Lane, damping: float, frequency: float, force: fl
 def _absorber(
     absorber: SlidingAbsorber, every: Sequence[Distribution], share: Mapping[str, float]
 ) -> SlidingAbsorber:
+    """Return an absorber whose gap, restitution and friction limit have drawn values."""
     walls = absorber.walls
     friction = absorber.friction
     for one in every:
@@ -331,36 +345,39 @@ def _absorber(
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 SURE = 0.95  # probability with which the level stays below the limit
-# half widths of the widest boxes: shares of gap and friction limit, difference of restitution
+# largest half widths that are tried: relative for gap and friction limit, absolute for restitution
 WIDEST_TOLERANCES = {GAP: 0.3, RESTITUTION: 0.3, FRICTION: 0.8}
 DRAWS_ALONE = 48
 DRAWS_TOGETHER = 128
 DRAWS_CHECKED = 64
 NOMINAL_RUNS = 16
-TOLERANCE_SEED = 77  # of members that no search and no other draw has seen
-SCALE_STEPS = 2000  # scales
+TOLERANCE_SEED = 77  # of members that no search and no other draw uses
+SCALE_STEPS = 2000  # number of scales that are compared
 
 
 @dataclass(frozen=True)
 class Tolerances:
     """Tolerances with which a device's level is below ``limit`` (m) with a probability of `SURE`.
 
+    A tolerance is a half width: relative for gap and friction limit, absolute for restitution. A
+    value equal to `WIDEST_TOLERANCES` is the widest that was tried.
+
     Attributes
     ----------
-    alone, together : dict of str to float
-        Half widths of each quantity while the others are exact, and of all at once with the same
-        share of each one's own tolerance: relative for gap and friction limit, absolute for
-        restitution. A value equal to `WIDEST_TOLERANCES` is the widest that was tried.
+    alone : dict of str to float
+        Tolerance of each quantity while the others have their nominal values.
+    together : dict of str to float
+        Tolerances of all quantities at once: the values of ``alone`` times a common factor.
     nominal : float
-        Share of `NOMINAL_RUNS` runs of the exact device below the limit; if it is below `SURE`, all
-        tolerances are 0.
+        Share of `NOMINAL_RUNS` members with the nominal device whose level is below the limit. If
+        it is below `SURE`, all tolerances are 0.
     checked, below : int
-        New draws within ``together``, and how many of them were below the limit; 0 if the
-        tolerances are 0.
+        Number of new draws within ``together``, and number of these below the limit. Both are 0 if
+        the tolerances are 0.
     runs : int
-        Number of all runs.
+        Number of all sweeps.
     draws : (int, int)
-        Draws for each of ``alone``, and for ``together``.
+        Number of draws for each of ``alone``, and for ``together``.
     """
 
     limit: float
@@ -374,9 +391,10 @@ class Tolerances:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Ends of the 95 % interval (Wilson's) of the probability that the check found.
+        """Ends of Wilson's 95 % interval of the probability of a level below the limit.
 
-        They are NaN without a check.
+        It is the probability within ``together``, from the check's draws. The ends are NaN without
+        a check.
         """
         if self.checked == 0:
             return math.nan, math.nan
@@ -385,23 +403,23 @@ class Tolerances:
 
 
 def exceedance(distances: ArrayLike, above: ArrayLike, dimension: int, scales: ArrayLike) -> Array:
-    """Return the probability that a level is above the limit in boxes of some scales.
+    """Return the probability of a level above the limit, for draws in boxes of given scales.
 
     Parameters
     ----------
     distances : array_like
-        Distance r of each draw, (n,), uniform in 0 to 1.
+        Distances r (n,) of the draws from the nominal device, uniform in 0 to 1.
     above : array_like
-        Whether its level was above the limit, (n,).
+        Whether each draw's level was above the limit, (n,).
     dimension : int
-        Number of quantities that are drawn.
+        Number d of quantities that are drawn.
     scales : array_like
         Scales (k,) above 0 and at most 1.
 
     Returns
     -------
     array
-        (k,), see above.
+        P(level > limit | s) of the module's docstring, (k,).
 
     Examples
     --------
@@ -421,9 +439,10 @@ def exceedance(distances: ArrayLike, above: ArrayLike, dimension: int, scales: A
 
 
 def largest_scale(distances: ArrayLike, above: ArrayLike, dimension: int) -> float:
-    """Return the largest scale (0 to 1) up to which levels stay below the limit.
+    """Return the largest scale (0 to 1) at which levels are below the limit often enough.
 
-    They do so with a probability of `SURE`. Arguments are those of `exceedance`.
+    At this scale and all smaller ones their probability is at least `SURE`. Arguments are those of
+    `exceedance`.
     """
     scales = np.arange(1, SCALE_STEPS + 1) / SCALE_STEPS
     good = exceedance(distances, above, dimension, scales) <= 1 - SURE
@@ -432,14 +451,16 @@ def largest_scale(distances: ArrayLike, above: ArrayLike, dimension: int) -> flo
 
 
 def surface_points(number: int, dimension: int, seed: int) -> tuple[Array, Array]:
-    """Return distances (n,) and points (n, d) in -1 to 1.
+    """Return distances r (n,) and points (n, d) with coordinates from -1 to 1.
 
-    A point's distance is its largest coordinate. Distances and directions are uniform (Halton).
+    ``number`` is n, ``dimension`` d. A point's distance is its largest absolute coordinate.
+    Distances are uniform in 0 to 1, points uniform on the surface of the cube of their distance (a
+    Halton sequence).
     """
     sample = scipy.stats.qmc.Halton(dimension + 1, rng=np.random.default_rng(seed)).random(number)
     distances = np.maximum(sample[:, 0], 1e-9)
     points = 2 * sample[:, 1:] - 1
-    # a uniform face of the cube: the coordinate that is the largest, by the ranks of a fresh draw
+    # each point on a face of the cube (the largest coordinate and its sign), equally many on each
     generator = np.random.default_rng([seed, 1])
     faces = generator.permuted(np.arange(number) % (2 * dimension))
     points[np.arange(number), faces // 2] = np.where(faces % 2, 1.0, -1.0)
@@ -447,9 +468,10 @@ def surface_points(number: int, dimension: int, seed: int) -> tuple[Array, Array
 
 
 def tolerances_of(absorber: SlidingAbsorber) -> dict[str, float]:
-    """Return the half widths of the widest boxes of an absorber's quantities.
+    """Return the largest half width to try for each quantity that an absorber has.
 
-    Raises ParameterError for an absorber without rigid walls.
+    These are the values of `WIDEST_TOLERANCES`. Raises ParameterError for an absorber without rigid
+    walls.
     """
     absorber = instance("absorber", absorber, SlidingAbsorber)
     require(isinstance(absorber.walls, RigidWalls), "absorber", absorber, "one between rigid walls")
@@ -461,7 +483,10 @@ def tolerances_of(absorber: SlidingAbsorber) -> dict[str, float]:
 
 
 def spread_of(name: str, width: float, absorber: SlidingAbsorber) -> Distribution:
-    """Return the uniform distribution of a quantity within a half width."""
+    """Return the uniform distribution of a quantity within a half width of its nominal value.
+
+    ``width`` is absolute for restitution, relative for gap and friction limit.
+    """
     if name != RESTITUTION:
         return Distribution(name, -width, width, relative=True, normal=False)
     walls = absorber.walls
@@ -482,22 +507,23 @@ def find_tolerances(
 ) -> Tolerances:
     """Return the largest tolerances with which an absorber's level stays below a limit.
 
-    The absorber is the impact absorber of a case. The level stays below the limit with a
-    probability of `SURE`.
+    The level is the larger of the levels of a sweep up and one down. It stays below the limit with
+    a probability of `SURE`.
 
     Parameters
     ----------
     case : CurveCase
-        Scene with an impact absorber between rigid walls, force (the first), resonance and sweeps.
+        Scene with an impact absorber between rigid walls, resonance and sweeps. Only the first of
+        the case's forces is used.
     limit : float
         Level in m.
     uncertain : sequence of Distribution
-        Further uncertain quantities, drawn in all runs; those of gap, restitution and friction are
-        left out.
+        Further uncertain quantities, drawn in all runs. Distributions of gap, restitution and
+        friction are ignored.
     draws : tuple of int
-        Draws of each quantity alone, of all together, and of the check.
+        Number of draws of each quantity alone, of all together, and of the check.
     seed : int
-        Of draws and members.
+        Seed of draws and members.
     progress, executor
         As in `impact_env.ensemble.run_lanes`.
 
@@ -508,9 +534,9 @@ def find_tolerances(
     Raises
     ------
     ParameterError
-        For an absorber without rigid walls, and numbers out of range.
+        For an absorber without rigid walls, and for arguments out of range.
     KeyboardInterrupt
-        If it is stopped.
+        If the runs are stopped.
     """
     absorber = case.scene.absorber
     if not isinstance(absorber, SlidingAbsorber):
@@ -555,7 +581,11 @@ def find_tolerances(
 
 @dataclass(eq=False)
 class _Draws:
-    """Runs of an absorber that is off, each of another member."""
+    """Runs of an absorber with drawn deviations, each with an ensemble member of its own.
+
+    ``others``: further uncertain quantities. ``total``, ``done``: numbers of all sweeps and of the
+    finished sweeps, for ``progress``.
+    """
 
     case: CurveCase
     absorber: SlidingAbsorber
@@ -567,9 +597,10 @@ class _Draws:
     done: int = 0
 
     def above(self, points: Array, widths: dict[str, float], seed: int) -> Flags:
-        """Return which levels are above the limit, (n,).
+        """Return whether each point's level is above the limit, (n,), from two sweeps a point.
 
-        The ``points`` (n, d) lie in -1 to 1 of the boxes' half widths.
+        ``points`` (n, d): deviations of the d quantities of ``widths``, relative to their half
+        widths, from -1 to 1. Raises KeyboardInterrupt if the runs are stopped.
         """
         number = len(points)
         members = draw_members(number + 1, seed)[1:]

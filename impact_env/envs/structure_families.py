@@ -1,4 +1,7 @@
-"""Families of random structures, in units of the first resonance of a standard beam."""
+"""Families of random two-mode structures for training, validation and test.
+
+Each structure is scaled to the mass and the first frequency of a standard model.
+"""
 
 import math
 from collections.abc import Sequence
@@ -19,8 +22,10 @@ DAMPING_BOUNDS = (0.005, 0.02)
 
 
 def _beam(ends: str) -> Any:
+    """Return a function of a random generator that draws a beam with the given ends."""
+
     def drawn(generator: Generator) -> ModalModel:
-        """Return a beam with force and absorber anywhere in the part that moves."""
+        """Return two modes of a beam with random damping and places of force and absorber."""
         free = ends.endswith("free")
         force = generator.uniform(0.3, 0.7)
         absorber = generator.uniform(0.8, 1.0) if free else generator.uniform(0.4, 0.65)
@@ -38,16 +43,18 @@ def _beam(ends: str) -> Any:
 
 
 def _plate(generator: Generator) -> ModalModel:
-    """Return two modes of a rectangular plate on hinges.
+    """Return the modes (1, 1) and (2, 1) of a simply supported rectangular plate.
 
-    Frequencies are proportional to m^2/a^2 + n^2/b^2, shapes are 2 sin sin/sqrt(mass) (A. W. Leissa
-    1969).
+    Frequencies are proportional to m^2/a^2 + n^2/b^2. Shapes are
+    2 sin(m pi x/a) sin(n pi y/b)/sqrt(mass) (A. W. Leissa 1969). The ratio a/b, damping and the
+    places of force and absorber are random.
     """
     aspect = generator.uniform(1.1, 1.8)
     force = generator.uniform(0.25, 0.45, 2)
     absorber = generator.uniform(0.35, 0.65, 2)
 
     def shape(m: int, place: NDArray[Any]) -> float:
+        """Return the shape of mode (m, 1) at a place (x/a, y/b), for a mass of 1 kg."""
         return float(2 * math.sin(m * math.pi * place[0]) * math.sin(math.pi * place[1]))
 
     omega = np.array([1.0, (4 / aspect**2 + 1) / (1 / aspect**2 + 1)])
@@ -56,9 +63,10 @@ def _plate(generator: Generator) -> ModalModel:
 
 
 def _modes(generator: Generator) -> ModalModel:
-    """Return two modes as from a measurement.
+    """Return two modes with random parameters, as a modal test would give them.
 
-    The second frequency is between twice and eight times the first. The shapes have either sign.
+    The second frequency is two to eight times the first. The second mode's shape at the force has
+    a random sign.
     """
     signs = np.array([1.0, generator.choice([-1.0, 1.0])])
     force = generator.uniform(0.4, 1.5, 2) * signs
@@ -73,6 +81,7 @@ def _modes(generator: Generator) -> ModalModel:
 
 
 def _damping(generator: Generator) -> float:
+    """Return a damping ratio, log-uniform in `DAMPING_BOUNDS`."""
     return float(DAMPING_BOUNDS[0] * (DAMPING_BOUNDS[1] / DAMPING_BOUNDS[0]) ** generator.uniform())
 
 
@@ -86,9 +95,9 @@ FAMILY_SPLITS = {
 
 
 def rescale_model(model: ModalModel, standard: ModalModel) -> ModalModel:
-    """Return a model with the first frequency and the mass of a standard model.
+    """Return a model scaled to the first frequency and the mass of a standard model.
 
-    The structure is the same in other units of time and mass.
+    Only the units of time and mass change: ratios of frequencies and of modal masses are kept.
     """
     time = standard.omega[0] / model.omega[0]
     mass = math.sqrt(model.beam_mass / standard.beam_mass)
@@ -109,7 +118,7 @@ def rescale_model(model: ModalModel, standard: ModalModel) -> ModalModel:
 
 @dataclass(frozen=True)
 class StructurePool:
-    """Arguments of the choice of structures.
+    """Arguments of an environment that choose its random structures.
 
     Parameters
     ----------
@@ -135,7 +144,10 @@ class StructurePool:
         )
 
     def models(self, standard: ModalModel) -> list[ModalModel]:
-        """Return the structures, from each family in turn; they are the same at every call."""
+        """Return the structures, scaled to a ``standard`` model, from each family in turn.
+
+        Every call returns the same structures.
+        """
         seed, kinds = FAMILY_SPLITS[self.split]
         return [
             rescale_model(kinds[k % len(kinds)](np.random.default_rng([seed, k])), standard)
@@ -144,10 +156,13 @@ class StructurePool:
 
 
 class StructureNumbers(MachineDifference):
-    """Numbers of the lanes' structures, as columns of observations."""
+    """Parameters of each lane's structure as components of observations.
+
+    The parameters are scaled to order 1 (`STRUCTURE_NUMBERS`). L: number of lanes.
+    """
 
     def __init__(self, lanes: LaneState, models: Sequence[ModalModel]) -> None:
-        """Compute the numbers of the ``models`` of the lanes' scenes, in their order."""
+        """Compute the parameters of ``models``, in the order that ``lanes.which`` refers to."""
         super().__init__(lanes)
         mass = lanes.settings.scene.absorber_mass
         assert mass is not None
@@ -163,13 +178,16 @@ class StructureNumbers(MachineDifference):
         }
 
     def read_damping(self) -> Array:
-        """Return the damping ratios (L,) of the first modes, scaled."""
+        """Return the damping ratios (L,) of the first modes over 0.01."""
         return np.asarray(self._damping[self.lanes.which])
 
     def read_second_frequency(self) -> Array:
-        """Return the second frequencies (L,) over the first, scaled."""
+        """Return the second frequencies (L,) over five times the first."""
         return np.asarray(self._second[self.lanes.which])
 
     def read_mass_ratio(self) -> Array:
-        """Return the absorber's masses (L,) over those of the first modes, scaled."""
+        """Return the ratios (L,) of absorber mass to the first mode's effective mass, over 0.08.
+
+        The effective mass is 1/phi^2 with the tip shape phi.
+        """
         return np.asarray(self._mass[self.lanes.which])

@@ -1,6 +1,7 @@
 """Branches of harmonic balance over a range of frequencies, and their errors.
 
-The main branches begin at the ends of the range, isolas at exact orbits.
+The main branches are followed from the ends of the range, isolas from exact orbits inside it. The
+errors are those relative to the exact orbit and its branch.
 """
 
 import time
@@ -33,21 +34,23 @@ from impact_env.periodic.trigonometric import Real
 
 BranchProgress = Callable[
     [str, int, float], None
-]  # what is followed, number of points, frequency in rad/s
+]  # name of the branch, number of its points, frequency in rad/s
 START_FREQUENCIES = 24  # frequencies at which exact orbits are tried as starts
 BALANCE_BRANCH_STEPS = Steps(first=0.02, most=0.15, least=1e-6, points=1500)
-# of the first frequency: the change of frequency that counts as much as a displacement of the size
-# of the gap
+# of the upper limit of the frequency: the change of frequency that counts as much in arclength as a
+# displacement of the size of the gap
 PARAMETER_WIDTH = 0.05
-# relative: a known point may be near; it is the same if Newton's method goes there
-NEAR_POINT = 0.2
-SAME_SOLUTION_TOL = 1e-5
+NEAR_POINT = 0.2  # of a solution: within it, the solver tests whether a branch has the solution
+SAME_SOLUTION_TOL = 1e-5  # of a solution: within it, two converged solutions are the same
 BALANCE_STEPS = Steps(first=0.02, most=0.1, least=1e-6, points=1500)
-OTHER_SOLUTION_DISTANCE = 0.5  # of the start: a solution farther off is another one
+OTHER_SOLUTION_DISTANCE = 0.5  # of the start: a solution farther from it is another motion
 
 
 def frequency_problem(balance: Balance, low: float, high: float) -> ContinuationProblem:
-    """Return the continuation in frequency between two limits in rad/s."""
+    """Return the problem of continuation in frequency between two limits in rad/s.
+
+    The unknowns are scaled by the gap, or without walls by the largest value of `Balance.free`.
+    """
     gap = getattr(balance.law, "gap", None)
     scale = (
         gap if gap is not None else max(float(np.max(np.abs(balance.free()))), np.finfo(float).tiny)
@@ -62,28 +65,30 @@ def frequency_problem(balance: Balance, low: float, high: float) -> Continuation
 
 
 def start_of_orbit(balance: Balance, impulse: float, phase: float) -> Real:
-    """Return the unknowns of harmonic balance for an exact symmetric orbit.
+    """Return the unknowns z (n,) of harmonic balance for an exact symmetric orbit.
 
-    ``impulse`` (N s) acts on the absorber at the lower wall, at a ``phase`` of the force in rad.
-    Friction is assumed to have one sign between two impacts.
+    The absorber gets ``impulse`` (N s) from the lower wall at a ``phase`` of the force in rad, and
+    the opposite impulse from the upper wall half a period later. The friction force is assumed to
+    keep its sign between the impacts.
     """
     limit = getattr(balance.law, "friction_limit", None) or 0.0
 
-    def rubbed(order: Real) -> NDArray[np.complex128]:
+    def friction_harmonics(order: Real) -> NDArray[np.complex128]:
         return np.where(order % 2 == 1, 4j * limit / (np.pi * order), 0) * np.exp(
             -1j * order * phase
         )
 
     return balance.at_impacts(
-        np.array([phase, phase + np.pi]), np.array([impulse, -impulse]), rubbed
+        np.array([phase, phase + np.pi]), np.array([impulse, -impulse]), friction_harmonics
     )
 
 
 def _starts(balance: Balance, low: float, high: float, seeds: int) -> Iterator[tuple[float, Real]]:
-    """Yield frequency (rad/s) and unknowns of starts of branches.
+    """Yield pairs of frequency (rad/s) and unknowns z (n,) from which branches are followed.
 
-    The first starts are those of the free absorber at both ends of the range, then follow exact
-    orbits at ``seeds`` frequencies in between.
+    The first two are motions without contact force at the ends of the range. The others are the
+    exact symmetric orbits at ``seeds`` frequencies in between; without walls, and for motions of
+    several periods of the force, there are none.
     """
     for omega in (low, high):
         yield omega, balance.at(OMEGA_PARAMETER, omega).free()
@@ -114,12 +119,12 @@ def balance_branches(
     seeds: int = START_FREQUENCIES,
     progress: BranchProgress | None = None,
 ) -> tuple[Branch, ...]:
-    """Return the branches between two frequencies in rad/s, those from the ends first.
+    """Return the branches between two frequencies in rad/s, first those from the ends.
 
-    Isolas are found if harmonic balance converges from an exact symmetric orbit in closed form at
-    one of ``seeds`` frequencies; starts on a known branch are left out. After Ctrl-C the branches
-    found so far are returned. Raises ParameterError for a bad range, NoConvergenceError if no start
-    gives a branch.
+    Other branches, such as isolas, are followed from exact symmetric orbits in closed form at
+    ``seeds`` frequencies, if harmonic balance converges from there to a solution that is on no
+    known branch. After Ctrl-C the branches known so far are returned. Raises ParameterError for a
+    bad range, NoConvergenceError if no start gives a branch.
     """
     require(
         0 < low < high,
@@ -137,7 +142,7 @@ def balance_branches(
         if any(lies_on(balance, branch, solution, omega) for branch in result):
             continue
         show = None if progress is None else partial(progress, f"branch {len(result) + 1}")
-        if omega in problem.limits:  # from a limit of the frequency it has one side only
+        if omega in problem.limits:  # at a limit of the frequency the branch has one side only
             branch = follow_branch(
                 problem, solution, omega, 1.0 if omega == low else -1.0, steps, show
             )
@@ -154,7 +159,7 @@ def balance_branches(
 
 
 def lies_on(balance: Balance, branch: Branch, z: Real, omega: float) -> bool:
-    """Return whether a solution ``z`` at a frequency in rad/s is a point of a branch."""
+    """Return whether a solution ``z`` (n,) at a frequency in rad/s is a point of a branch."""
     p = branch.parameters
     size = float(np.linalg.norm(z))
     for k in np.flatnonzero((p[:-1] - omega) * (p[1:] - omega) <= 0):
@@ -173,7 +178,9 @@ def lies_on(balance: Balance, branch: Branch, z: Real, omega: float) -> bool:
 
 @dataclass(frozen=True)
 class BalanceRow:
-    """Errors of harmonic balance relative to the exact orbit, for one setting of the method.
+    """Relative errors of harmonic balance for one setting, positive if its value is too large.
+
+    They refer to the values of the exact orbit and its branch.
 
     Attributes
     ----------
@@ -182,19 +189,20 @@ class BalanceRow:
     weight : float
         Weight of the contact condition in m_a omega_1^2.
     tip_max_error : float or None
-        Relative error of the largest tip displacement at the given frequency. None: no solution.
+        Error of the largest tip displacement at the frequency of the exact orbit. None: no
+        solution.
     closed : bool or None
-        Whether the branch is closed.
+        Whether the branch is closed. None, here and below: no branch was followed.
     first_fold_ratio, last_fold_ratio : float or None
-        Frequencies of its first and last fold over omega_1.
+        Lowest and highest frequency of its folds over omega_1. None: no fold.
     peak_error : float or None
-        Relative error of the branch's peak.
+        Error of the largest tip displacement on the branch. None: a branch without a peak.
     points : int or None
         Number of points of the branch.
     cpu_seconds_per_250_points : float or None
-        Processor time in s for 250 points, so that other processes do not count.
+        Processor time of this process in s for 250 points of the branch.
     reason : str
-        Why there is no solution; the other values then are None.
+        Why there is no solution, or why the branch ended if it is not closed; otherwise empty.
     """
 
     harmonics: int
@@ -209,7 +217,7 @@ class BalanceRow:
     reason: str = ""
 
     def to_plain(self) -> dict[str, Any]:
-        """Return names and values."""
+        """Return the attributes as a dictionary."""
         return asdict(self)
 
 
@@ -218,10 +226,11 @@ BALANCE_COLUMNS = tuple(field.name for field in fields(BalanceRow))
 
 @dataclass(frozen=True, eq=False)
 class ReferenceOrbit:
-    """The exact orbit with the larger impulse, to which harmonic balance is compared.
+    """The exact symmetric orbit of two impacts with the largest impulse, for comparisons.
 
-    ``impulse`` (N s) and ``phase`` (rad) start harmonic balance, ``motion`` is the orbit's motion,
-    and ``curve`` the curve of its branch.
+    ``impulse`` (N s) and ``phase`` of the force (rad) are those of the impact at the lower wall
+    (`start_of_orbit`). ``motion`` is the orbit's motion, ``curve`` the response curve of its branch
+    in frequency.
     """
 
     case: Case
@@ -232,9 +241,10 @@ class ReferenceOrbit:
 
 
 def exact_orbit(case: Case, low: float, high: float) -> ReferenceOrbit:
-    """Return the exact orbit with the larger impulse and its branch between two frequency ratios.
+    """Return the exact orbit with the largest impulse, and its branch.
 
-    Raises ParameterError if no such orbit exists.
+    The branch is followed between the frequencies ``low`` and ``high``, relative to omega_1. Raises
+    ParameterError if there is no symmetric orbit of two impacts at the case's frequency.
     """
     pushed = [orbit for orbit in closed_form(case) if orbit.pushes]
     require(
@@ -266,9 +276,10 @@ def balance_rows(
     settings: Iterable[tuple[int, float]],
     traced: bool = True,
 ) -> Iterator[BalanceRow]:
-    """Yield the errors for each pair (harmonics, weight) of ``settings``.
+    """Yield the errors for each pair (harmonics, weight) of ``settings``, see `BalanceRow`.
 
-    ``traced``: whether the branch is followed and timed as well.
+    ``traced``: whether the branch is followed and timed as well, between the frequencies ``low``
+    and ``high`` relative to omega_1.
     """
     for harmonics, weight in settings:
         balance = harmonic_balance(
@@ -300,6 +311,11 @@ def _trace_branch(
     weight: float,
     error: float,
 ) -> BalanceRow:
+    """Return the errors of the branch through a solution ``z`` (n,), and the time it takes.
+
+    ``low`` and ``high`` are frequencies relative to omega_1; ``error`` is that of the largest tip
+    displacement of ``z``.
+    """
     first = float(exact.case.model.omega[0])
     problem: ContinuationProblem = frequency_problem(balance, low * first, high * first)
     begin = time.process_time()

@@ -1,9 +1,11 @@
 """Bifurcation curves over the frequency and a second parameter.
 
-They are curves of folds, broken symmetry, doubled periods, tori, grazing and loss of contact.
+The bifurcations are folds, broken symmetry, doubled periods, tori, grazing and loss of contact.
 
-Each is a branch of the conditions in `defining_systems`. Special points on it, at which a second
-condition is met, are located as zeros of the test functions in `codimension_two`.
+A curve is a branch of solutions of a defining system (`defining_systems`): the conditions of an
+orbit and that of the bifurcation. Its unknowns z (m + 1,) are the m unknowns of an orbit, and then
+the frequency omega in rad/s. Points at which a second bifurcation condition holds (codimension two)
+are located as zeros of the test functions in `codimension_two`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -101,63 +103,63 @@ from impact_env.periodic.orbit_map import critical_point_of
 from impact_env.periodic.schedule import EventSchedule
 
 Array = NDArray[np.float64]
-MULTIPLIER_KINDS = (FOLD, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)  # with one on the unit circle
-LOSS_OF_CONTACT = "loss of contact"  # an impact without speed: behind it a wall would have to pull
+# bifurcations with a multiplier on the unit circle
+MULTIPLIER_KINDS = (FOLD, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)
+LOSS_OF_CONTACT = "loss of contact"  # an impulse is zero: beyond, the wall would have to pull
 CONTACT_KINDS = (GRAZING, LOSS_OF_CONTACT)
 CURVE_KINDS = (*MULTIPLIER_KINDS, *CONTACT_KINDS)
 GRAZING_FOLD = "grazing-fold"
 DOUBLE_GRAZING = "double grazing"
-START_KINDS = {LOSS_OF_CONTACT: PULLING}  # where a branch has another name for it
-TOUCH_DRIFT = 0.05  # rad: how far a place of touching moves before the residual has its new place
-CACHED_POINTS = (
-    4  # of a curve, with their normal forms: the two ends of a step, and the root search's own
-)
+START_KINDS = {LOSS_OF_CONTACT: PULLING}  # kinds that have another name on branches of orbits
+TOUCH_DRIFT = 0.05  # rad: change of the grazing phase from which on the residual is replaced
+# points of a curve whose normal forms are stored: both ends of a step, and those of the root search
+CACHED_POINTS = 4
 SECOND_PARAMETERS = tuple(name for name in ALL_PARAMETERS if name != "omega")
 END_OF_FREQUENCIES = "end of the frequencies"
 CURVE_STEPS = Steps(first=0.02, least=1e-7, most=0.2, points=600)
-# of a curve's points: with so many on another one it is that, begun from another order of reversals
+# share of a curve's points on another curve from which on both are the same curve, followed from
+# different orders of reversals
 SAME_CURVE_SHARE = 0.9
-# in rad, and of the largest impulse: halves of an orbit that differ less get equal where a step
-# cannot be made any more
+# rad, and share of the largest impulse: where a curve cannot be continued, halves of an orbit that
+# differ by less are taken as equal
 EQUAL_HALVES_TOL = 0.02
-DOUBLE_MULTIPLIER_TOL = (
-    1e-4  # how close to 1 or -1 two multipliers are that meet there: the root of their rounding
-)
+# distance from 1 or -1 within which two multipliers meet there: the square root of their rounding
+DOUBLE_MULTIPLIER_TOL = 1e-4
 
 
 @dataclass(eq=False)
 class CurveContinuation(OrbitContinuation):
     """State of the continuation of a bifurcation curve.
 
-    ``kind`` is the kind of the bifurcation, ``size`` the unit of the parameter, ``limits`` its
-    range and ``frequencies`` the range of the frequency in rad/s, ``start`` the solution at which
-    the curve begins, ``touch`` the place of the touched wall in rad after the first event, ``lost``
-    the number of the vanishing impact.
+    ``kind`` is the kind of the bifurcation, ``limits`` and ``size`` are the range and the scale of
+    the parameter in its SI unit, ``frequencies`` is the range of the frequency in rad/s, ``start``
+    the solution at which the curve begins. ``touch`` is the phase (rad after the first event) at
+    which a wall is grazed, ``lost`` the number of the impact whose impulse vanishes, from 0.
     """
 
     kind: str = FOLD
-    size: float = 1.0  # of the parameter
+    size: float = 1.0
     limits: tuple[float, float] = (0.0, np.inf)
     frequencies: tuple[float, float] = (0.0, np.inf)
     start: Solution | None = None
-    touch: float = 0.0  # rad after the first event: where a wall is grazed
-    lost: int = 0  # number of the impact without speed
+    touch: float = 0.0
+    lost: int = 0
     points: dict[tuple[EventSchedule, float, bytes], CriticalPoint] = field(default_factory=dict)
     reference: Vector | None = None  # critical vector of the last point passed
 
     @property
     def scale(self) -> Array:
-        """Units of the unknowns (m + 1,) with the schedule in use."""
+        """Scales of the unknowns (m + 1,): 1 for those of the orbit, and that of the frequency."""
         return np.append(np.ones(self.schedule.unknowns), PARAMETER_SHARE * self.case.omega)
 
     def solution(self, z: Array, value: float) -> Solution:
-        """See `OrbitContinuation`."""
+        """Return the solution with unknowns ``z`` (m + 1,) at a ``value`` of the parameter."""
         return solution_in(
             self.case, self.schedule, z[:-1], {"omega": float(z[-1]), self.parameter: value}
         )
 
     def residual(self) -> Residual:
-        """See `OrbitContinuation`."""
+        """Return the defining system of the bifurcation, with the schedule in use."""
         scale = np.append(self.scale, self.size)
         common = (self.case, self.schedule, self.kind, self.parameter, scale, self.limits)
         if self.kind == GRAZING:
@@ -167,10 +169,10 @@ class CurveContinuation(OrbitContinuation):
         return DefiningSystem(*common)
 
     def monitors(self) -> tuple[Monitor, ...]:
-        """Return the monitors, see `OrbitContinuation`.
+        """Return the monitors: special points of the curve, and conditions that end it.
 
-        Beyond a grazing point the solution is not an orbit, but the curve may return to orbits and
-        is therefore followed.
+        A wall that would have to pull ends the curve. Grazing does not: beyond it the solutions are
+        not orbits, but the curve may return to orbits.
         """
         low, high = self.frequencies
         within = Monitor(
@@ -204,9 +206,10 @@ class CurveContinuation(OrbitContinuation):
         return (*own, within, *alike)
 
     def critical_point(self, z: Array, value: float) -> CriticalPoint:
-        """Return multipliers and normal form at a point.
+        """Return multipliers and normal form at a point; the last `CACHED_POINTS` are stored.
 
-        The direction of its critical vector is that of the last point passed.
+        The sign of the critical vector is the one next to the vector at the last point passed, so
+        that test functions do not jump.
         """
         key = (self.schedule, value, z.tobytes())
         if key not in self.points:
@@ -221,19 +224,21 @@ class CurveContinuation(OrbitContinuation):
         return point
 
     def _weakest(self, z: Array, value: float) -> float:
+        """Return the smallest impulse, negative where a wall pulls; see `weakest`."""
         return self.weakest(z[:-1], value)
 
     def _weakest_other(self, z: Array, _value: float) -> float:
-        """Return the smallest impulse without the vanishing one; 1 if there is no other."""
+        """Return the smallest impulse except that of impact ``lost``; 1 if there is no other."""
         n = len(self.schedule.events)
         wall = self.schedule.order.wall
         impulses = -wall[wall != 0] * z[n : n + self.schedule.impacts]
         return float(np.min(np.delete(impulses, self.lost), initial=1.0))
 
     def _other_clearance(self, z: Array, value: float) -> float:
-        """Return the smallest distance from a wall, relative to the gap, at the other reversals.
+        """Return the smallest distance from a wall, relative to the gap, at all other reversals.
 
-        All reversals of the relative velocity are considered, except the one that touches the wall.
+        Reversals of the relative velocity are meant, except the grazing one (``touch``). The result
+        is 1 if there is no other, NaN without any reversal.
         """
         solution = self.solution(z, value)
         phases, distances = turns_after_first(solution)
@@ -243,12 +248,15 @@ class CurveContinuation(OrbitContinuation):
         return float(np.min(np.delete(distances, k), initial=1.0))
 
     def _fold_test(self, z: Array, value: float) -> float:
+        """Return a function that is zero where a multiplier is 1."""
         return plus_one_test(self.motion(z, value))
 
     def _along_start(self, side: float, z: Array, value: float) -> float:
-        """Return the difference of the halves, projected onto their difference at the start.
+        """Return the half difference at a point times that at the curve's start (dot product).
 
-        It is zero where the halves become equal, and possibly elsewhere.
+        The half difference is `compute_half_difference` with the sign ``side``. The result is zero
+        where both halves of the orbit become equal, and possibly elsewhere. It is NaN for another
+        number of events than at the start.
         """
         assert self.start is not None
         here = compute_half_difference(self.solution(z, value), side)
@@ -260,10 +268,11 @@ class CurveContinuation(OrbitContinuation):
         )
 
     def recentre(self, z: Array, value: float, along: Array) -> ContinuationChart | None:
-        """See `OrbitContinuation`.
+        """Return the unknowns and residual of another order of events if the motion has one.
 
-        Newton's method for orbits fails at a fold. The curve's own Newton iteration therefore
-        starts from the event order of the motion.
+        Otherwise the result is None, or has a new residual if the grazing phase has moved. The new
+        unknowns come from the motion's event times and are not solved for an orbit, because that
+        system is singular at a fold; the next Newton iteration of the curve corrects them.
         """
         self.passed.append(self.schedule)
         motion = self.motion(z, value)
@@ -283,9 +292,9 @@ class CurveContinuation(OrbitContinuation):
         return self.chart(guess, float(z[0]), (case.omega,), self.scale)
 
     def _follow_touch(self, motion: Motion) -> bool:
-        """Move the place of the wall's contact to its place in a motion.
+        """Set ``touch`` to the phase at which a motion grazes the wall, if it differs much.
 
-        Returns whether the displacement is so large that a new residual is needed.
+        Returns whether it has been set (`TOUCH_DRIFT`), so that a new residual is needed.
         """
         solution = motion.solution
         phases, _ = turns_after_first(solution)
@@ -298,22 +307,22 @@ class CurveContinuation(OrbitContinuation):
         return True
 
     def _same_chart(self, z: Array, along: Array) -> ContinuationChart:
-        """Return the unknowns in use, with a residual for the new place of the wall's contact."""
+        """Return the unknowns in use, with a residual for the new grazing phase."""
         return ContinuationChart(self.residual(), z, along, self.scale, self.monitors())
 
 
 @dataclass(frozen=True, eq=False)
 class BifurcationCurve(ScheduledBranch):
-    """A curve of bifurcations of a ``kind`` over the frequency and another parameter.
+    """A curve of m bifurcations of a ``kind`` over the frequency and a second parameter.
 
-    The other parameter is ``branch.parameter``, and its values are ``branch.parameters``. A `FOLD`
-    located on the curve is an extremum of the other parameter.
+    The second parameter is ``branch.parameter``, with the values ``branch.parameters`` in its SI
+    unit. The special point `FOLD` of the curve is an extremum of the second parameter.
     """
 
     kind: str
 
     def at(self, schedule: EventSchedule, z: Array, value: float) -> Solution:
-        """See `ScheduledBranch`; the frequency is the last unknown."""
+        """Return the solution with unknowns ``z``, the last of which is the frequency (rad/s)."""
         return solution_in(
             self.case, schedule, z[:-1], {"omega": float(z[-1]), self.branch.parameter: value}
         )
@@ -325,9 +334,10 @@ class BifurcationCurve(ScheduledBranch):
 
     @cached_property
     def orbits(self) -> tuple[Orbit | NoOrbit, ...]:
-        """Each point's orbit, or the reason why there is no orbit.
+        """Orbit at each point, or the reason why there is none, (m,).
 
-        An orbit is confirmed by the exact method and has a multiplier on the unit circle.
+        The exact method has confirmed each orbit and its bifurcation: a multiplier on the unit
+        circle, the grazing, or the vanishing impulse.
         """
         return tuple(
             self._confirmed(motion_of(self.solution(k))) for k in range(len(self.schedules))
@@ -335,9 +345,10 @@ class BifurcationCurve(ScheduledBranch):
 
     @cached_property
     def located(self) -> tuple[tuple[str, Orbit | NoOrbit], ...]:
-        """Kind and orbit, or the reason why there is no orbit, of each special point on the curve.
+        """Kind of each special point on the curve, and its orbit or the reason why there is none.
 
-        At a point where a wall is touched it is a neighbouring orbit that does not touch the wall.
+        At grazing points the orbit is that of the neighbouring point of the curve with the larger
+        distance from the wall. Kinks are left out.
         """
         orbits = []
         for event, (kind, solution) in zip(self.branch.located, self.places(), strict=True):
@@ -352,10 +363,10 @@ class BifurcationCurve(ScheduledBranch):
         return tuple(orbits)
 
     def _confirmed(self, motion: Motion) -> Orbit | NoOrbit:
-        """Return the orbit at a point of the curve, or why none exists.
+        """Return the orbit at a point of the curve, or the reason why there is none.
 
-        Two multipliers that meet at 1 or -1 are only accurate to the square root of the rounding
-        error.
+        Where two multipliers meet at 1 or -1, only the orbit is confirmed, not the bifurcation:
+        there multipliers are accurate to no more than the square root of the rounding error.
         """
         if self.kind == LOSS_OF_CONTACT:
             return confirm_nearby(motion, compute_weakest_impulse, SMALL_IMPULSES)
@@ -372,9 +383,9 @@ class BifurcationCurve(ScheduledBranch):
 
     @cached_property
     def critical_points(self) -> tuple[CriticalPoint | None, ...]:
-        """Multipliers and normal form of each point.
+        """Multipliers and normal form of each point, (m,).
 
-        They are None on a curve of grazing or loss of contact.
+        The entries are None on a curve of grazing or loss of contact.
         """
         if self.kind not in MULTIPLIER_KINDS:
             return (None,) * len(self.schedules)
@@ -386,7 +397,8 @@ class BifurcationCurve(ScheduledBranch):
     def critical(self, k: int) -> complex:
         """Return the multiplier on the unit circle at point ``k``, over the schedule's span.
 
-        It is 1, -1, or that of a torus's pair with positive imaginary part.
+        It is near 1 or -1, or the one of a torus's pair with positive imaginary part; NaN on a
+        curve of grazing or loss of contact.
         """
         point = self.critical_points[k]
         if point is None:
@@ -395,9 +407,10 @@ class BifurcationCurve(ScheduledBranch):
         return complex(values[np.argmax(values.imag)])
 
     def to_plain(self) -> dict[str, Any]:
-        """Return lists, numbers and strings.
+        """Return the curve as a dictionary of lists, numbers and strings for JSON.
 
-        Values of the parameter are in SI units, and orbits are in the form of `pack_orbits`.
+        Values of the parameter are in SI units, frequencies relative to omega_1, and orbits in the
+        form of `pack_orbits`.
         """
         events = [event for event in self.branch.located if event.kind != KINK]
         first_resonance = float(self.case.model.omega[0])
@@ -443,6 +456,7 @@ def _describe_orbit(orbit: Orbit | NoOrbit) -> str:
 
 
 def _finite(value: float) -> float | None:
+    """Return a finite value, None for NaN and infinity."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -455,14 +469,20 @@ def bifurcation_curve(
     steps: Steps = CURVE_STEPS,
     progress: PointProgress | None = None,
 ) -> BifurcationCurve:
-    """Return the curve of bifurcations of one ``kind`` that starts next to a solution.
+    """Return the curve of bifurcations of one ``kind`` through the one next to a solution.
 
-    The curve is followed in both directions over the frequency (``frequencies`` in rad/s) and
-    ``parameter`` (``limits`` in SI units). It ends at these limits; where a wall would have to
-    pull; where a torus's multipliers meet at 1 or -1 (R1, R2); on the curve of broken symmetry or
-    doubled periods on which it begins; or where it returns to its start. Ctrl-C ends it, and the
-    part that is known is returned. Raises NoConvergenceError if there is no such bifurcation near
-    the solution, ParameterError for bad input.
+    The curve is followed in both directions, while ``parameter`` is within ``limits`` (SI units)
+    and the frequency within ``frequencies`` (rad/s). It ends
+
+    - at these limits,
+    - where a wall would have to pull,
+    - where a torus's multipliers meet at 1 or -1 (strong resonances R1 and R2),
+    - where both halves of its orbits become equal: at the curve of broken symmetry or doubled
+      periods from which its orbits emerge,
+    - where it returns to its start.
+
+    After Ctrl-C the part followed so far is returned. Raises NoConvergenceError if there is no such
+    bifurcation near the solution, ParameterError for bad input.
     """
     require(kind in CURVE_KINDS, "kind", kind, f"one of {', '.join(CURVE_KINDS)}")
     require(
@@ -472,13 +492,14 @@ def bifurcation_curve(
         f"one of {', '.join(SECOND_PARAMETERS)}",
     )
     for limit in limits:
-        solution.case.changed(**{parameter: limit})  # raises where it is not allowed
+        solution.case.changed(**{parameter: limit})  # raises ParameterError if not allowed
     touch, lost = _contact_of(solution, kind)
 
     def one_way(direction: float) -> tuple[Branch, list[EventSchedule]]:
+        """Return the part towards larger (1) or smaller (-1) values, and its points' schedules."""
         value = float(getattr(solution.case, parameter))
         size = PARAMETER_SHARE * compute_size(parameter, value, limits)
-        walk = CurveContinuation(
+        continuation = CurveContinuation(
             solution.case,
             parameter,
             solution.schedule,
@@ -491,9 +512,15 @@ def bifurcation_curve(
             lost=lost,
         )
         problem = ContinuationProblem(
-            walk.residual(), parameter, walk.scale, size, limits, walk.monitors(), walk.recentre
+            continuation.residual(),
+            parameter,
+            continuation.scale,
+            size,
+            limits,
+            continuation.monitors(),
+            continuation.recentre,
         )
-        way = follow_branch(
+        part = follow_branch(
             problem,
             np.append(read_unknowns(solution), solution.case.omega),
             value,
@@ -501,9 +528,9 @@ def bifurcation_curve(
             steps,
             progress,
         )
-        schedules = walk.schedules(solution.schedule, len(way))
-        way = _explain_end(way, solution.case, schedules)
-        return way, schedules[: len(way)]
+        schedules = continuation.schedules(solution.schedule, len(part))
+        part = _explain_end(part, solution.case, schedules)
+        return part, schedules[: len(part)]
 
     return _without_false_labels(
         BifurcationCurve(solution.case, *follow_to_both_sides(one_way), kind)
@@ -511,9 +538,10 @@ def bifurcation_curve(
 
 
 def _contact_of(solution: Solution, kind: str) -> tuple[float, int]:
-    """Return the place of a solution's closest approach to a wall, and the weakest impact's number.
+    """Return the phase of a solution's closest approach to a wall, and its weakest impact's number.
 
-    The place is in rad after the first event.
+    The phase is in rad after the first event, 0 unless the kind is `GRAZING`. Raises
+    NoConvergenceError if the relative velocity then has no reversal.
     """
     touch = 0.0
     if kind == GRAZING:
@@ -526,7 +554,10 @@ def _contact_of(solution: Solution, kind: str) -> tuple[float, int]:
 
 
 def _without_false_labels(curve: BifurcationCurve) -> BifurcationCurve:
-    """Return a curve without the special points at which a test function jumps or has a pole."""
+    """Return a curve without special points at which a test function is not zero.
+
+    There it has a jump or a pole instead.
+    """
     pairs = []
     for event, schedule in zip(curve.branch.located, curve.located_schedules, strict=True):
         if event.kind in CODIMENSION_TWO or (event.kind, curve.kind) == (GRAZING_FOLD, GRAZING):
@@ -544,53 +575,56 @@ def _without_false_labels(curve: BifurcationCurve) -> BifurcationCurve:
     )
 
 
-def _explain_end(way: Branch, case: Case, schedules: Sequence[EventSchedule]) -> Branch:
-    """Return a branch with its end at a bifurcation at which both halves of its orbits agree.
+def _explain_end(branch: Branch, case: Case, schedules: Sequence[EventSchedule]) -> Branch:
+    """Return a branch that ends where both halves of its orbits become equal.
 
-    There the curve either breaks down or passes over to the orbits' mirror images. A branch that
-    reaches such a bifurcation is cut there, and the reason for its end is the bifurcation's kind.
-    Any other branch is unchanged.
+    That is at the broken symmetry or doubled period from which its orbits emerge. Beyond it the
+    continuation fails, or runs back over the mirror images of the same orbits. The branch is cut
+    there, and the reason for its end is the bifurcation's kind. A branch without such a point only
+    loses the special points of these kinds.
     """
     for side, kind in kinds_of_birth(schedules[0]):
-        at = {"omega": float(way.points[-1][-1]), way.parameter: float(way.parameters[-1])}
+        at = {"omega": float(branch.points[-1][-1]), branch.parameter: float(branch.parameters[-1])}
         if (
-            way.ended == MINIMUM_STEP
+            branch.ended == MINIMUM_STEP
             and largest_half_difference(
-                solution_in(case, schedules[-1], way.points[-1][:-1], at), side
+                solution_in(case, schedules[-1], branch.points[-1][:-1], at), side
             )
             < EQUAL_HALVES_TOL
         ):
-            way = replace(way, ended=kind)
+            branch = replace(branch, ended=kind)
         for event, schedule in zip(
-            way.located, located_schedules(way.located, list(schedules)), strict=True
+            branch.located, located_schedules(branch.located, list(schedules)), strict=True
         ):
-            at = {"omega": float(event.point[-1]), way.parameter: event.parameter}
+            at = {"omega": float(event.point[-1]), branch.parameter: event.parameter}
             if (
                 event.kind == kind
                 and largest_half_difference(solution_in(case, schedule, event.point[:-1], at), side)
                 < EQUAL_HALVES_TOL
             ):
-                points = (*way.points[: event.after + 1], event.point)
-                values = np.append(way.parameters[: event.after + 1], event.parameter)
-                way = Branch(
-                    way.parameter,
+                points = (*branch.points[: event.after + 1], event.point)
+                values = np.append(branch.parameters[: event.after + 1], event.parameter)
+                branch = Branch(
+                    branch.parameter,
                     points,
                     values,
-                    tuple(each for each in way.located if each.after < event.after),
+                    tuple(each for each in branch.located if each.after < event.after),
                     kind,
                     "",
                 )
                 break
-        if way.ended == kind:
+        if branch.ended == kind:
             message = (
-                f"{kind} at {way.parameter} = {way.parameters[-1]:.10g}, on whose curve it begins"
+                f"{kind} at {branch.parameter} = {branch.parameters[-1]:.10g}, on whose curve it "
+                "begins"
             )
-            return replace(way, message=message, located=_drop_kind(way.located, kind))
-        way = replace(way, located=_drop_kind(way.located, kind))
-    return way
+            return replace(branch, message=message, located=_drop_kind(branch.located, kind))
+        branch = replace(branch, located=_drop_kind(branch.located, kind))
+    return branch
 
 
 def _drop_kind(located: Iterable[SpecialPoint], kind: str) -> tuple[SpecialPoint, ...]:
+    """Return the special points of all other kinds."""
     return tuple(event for event in located if event.kind != kind)
 
 
@@ -602,11 +636,13 @@ def bifurcation_curves(
     frequencies: tuple[float, float],
     progress: Callable[[str, int, float], None] | None = None,
 ) -> Iterator[BifurcationCurve]:
-    """Yield the curves of ``kinds`` through bifurcations located on branches in frequency.
+    """Yield the curves of ``kinds`` through the bifurcations on branches in frequency.
 
-    Each curve is yielded once; arguments are as in `bifurcation_curve`. Places from which Newton's
+    A curve through several of these bifurcations is yielded once. Bifurcations from which Newton's
     method does not converge to a curve are left out, and so are curves without any orbit. After
-    Ctrl-C the last curve has ended as `INTERRUPTED`.
+    Ctrl-C the last curve has ended as `INTERRUPTED`. ``progress`` is called with the curve's kind
+    and number, its number of points and the parameter's value; the other arguments are those of
+    `bifurcation_curve`.
     """
     known: list[tuple[BifurcationCurve, Array]] = []
     for branch in branches:
@@ -657,7 +693,10 @@ def bifurcation_curves(
 
 
 def has_same_form(curve: BifurcationCurve, solution: Solution) -> bool:
-    """Return whether orbits of a curve have the period and the symmetry of a solution."""
+    """Return whether the orbits of a curve have the symmetry and period of a solution.
+
+    The period is counted in periods of the force.
+    """
     first = curve.schedules[0]
     other = solution.schedule
     return first.symmetric == other.symmetric and first.period_multiple == other.period_multiple

@@ -1,11 +1,14 @@
 """Bifurcations of orbits: their kinds, test functions that vanish there, and their confirmation.
 
-A multiplier on the unit circle makes a bifurcation: 1 at a fold, -1 where the symmetry breaks (over
-half a period) or the period doubles, a complex pair at a torus (Kuznetsov, Elements of Applied
-Bifurcation Theory, 2004). Determinants of the return map's derivative M have poles where an impact
-gets infinitely slow, and change their sign there. The test functions here are products of one
-bounded factor for each multiplier, or pair of them, times signs of the impacts' velocities and the
-reversals' accelerations: they pass a pole without a change of sign.
+At a bifurcation a Floquet multiplier is on the unit circle: 1 at a fold; -1 at symmetry breaking
+(over half a period) and at period doubling; a complex pair at a torus bifurcation (Kuznetsov,
+Elements of Applied Bifurcation Theory, 2004). Multipliers belong to the derivative M of the return
+map over the span of a schedule, which is half an orbit if the orbit is symmetric.
+
+Determinants such as det(M - 1) have poles where the velocity of an impact vanishes, and change
+their sign there. Each test function here is a product of one bounded factor for each multiplier, or
+for each pair of multipliers, times signs of the impacts' velocities and the reversals'
+accelerations. So it passes a pole without a change of sign.
 """
 
 import numpy as np
@@ -22,33 +25,32 @@ from impact_env.periodic.schedule import EventSchedule
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-# a multiplier of -1, of half a period and of a whole one
+# a multiplier of -1 over half a period, and over a whole one
 SYMMETRY_BREAKING = "symmetry breaking"
 PERIOD_DOUBLING = "period doubling"
 TORUS = "torus"  # a pair of complex multipliers on the unit circle (Neimark and Sacker)
-ON_CIRCLE = 1e-6  # a multiplier this close to the unit circle lies on it; located places have 1e-9
+ON_CIRCLE = 1e-6  # tolerance of a multiplier on the unit circle; located bifurcations reach 1e-9
 CRITICAL_MULTIPLIERS = {
     FOLD: 1.0,
     BRANCH_POINT: 1.0,
     SYMMETRY_BREAKING: -1.0,
     PERIOD_DOUBLING: -1.0,
 }
-LEAST_HALF_DIFFERENCE = 1e-4  # of what tells the two halves apart: below it they are the same
-NEAR_BIRTH = (
-    1e-3  # the same next to a birth, and where the root search broke down on its way to one
-)
+LEAST_HALF_DIFFERENCE = 1e-4  # below this difference the two halves of an orbit are equal
+# difference of the halves next to a bifurcation from which the orbits emerge, and where the root
+# search failed on its way to one
+NEAR_BIRTH = 1e-3
 LOST_BIRTH = 0.05
-# share of the parameter: how far from a birth on a branch the orbit is sought that it leaves, and
-# how sharply
+# first step and tolerance of the parameter, relative, in the search for such a bifurcation
 BIRTH_REACH = 1e-6
 BIRTH_TOL = 1e-14
 
 
 def critical_multipliers(kind: str, multipliers: Complex, tolerance: float = ON_CIRCLE) -> Complex:
-    """Return the multipliers over the schedule's span that cause a bifurcation of a ``kind``.
+    """Return those of the ``multipliers`` that have the value of a bifurcation of a ``kind``.
 
-    These are multipliers next to 1 or -1; for a torus the upper one of a complex pair with a
-    modulus next to 1. The result is empty without such a multiplier.
+    They are within ``tolerance`` of 1 or -1; for a torus they have a modulus within ``tolerance``
+    of 1 and a positive imaginary part. The result is empty without such a multiplier.
     """
     values = np.asarray(multipliers, dtype=complex)
     if kind == TORUS:
@@ -58,18 +60,18 @@ def critical_multipliers(kind: str, multipliers: Complex, tolerance: float = ON_
 
 
 def compute_multipliers(motion: AnyMotion) -> Complex | None:
-    """Return the multipliers (2 N_m + 2,) over the schedule's span.
+    """Return the Floquet multipliers (2 N_m + 2,) over the span of the motion's schedule.
 
-    The result is None if an impact has zero velocity.
+    The result is None if an impact has zero relative velocity.
     """
     matrix = motion.derivative
     return np.linalg.eigvals(matrix).astype(complex) if np.all(np.isfinite(matrix)) else None
 
 
 def find_objection(kind: str, motion: AnyMotion) -> str | None:
-    """Return the reason why a motion has no bifurcation of a ``kind``.
+    """Return the reason, as text, why a motion has no bifurcation of a ``kind``.
 
-    The result is None if the motion has a multiplier of this bifurcation.
+    The result is None if a multiplier of the motion has the value of this bifurcation.
     """
     multipliers = compute_multipliers(motion)
     if multipliers is None:
@@ -82,10 +84,10 @@ def find_objection(kind: str, motion: AnyMotion) -> str | None:
 
 
 def confirmed_bifurcation(kind: str, motion: AnyMotion) -> Orbit | NoOrbit:
-    """Return the orbit at a bifurcation of a ``kind``, or the reason why there is none.
+    """Return a motion as an orbit at a bifurcation of a ``kind``, or the reason why it is none.
 
-    The exact method must confirm the orbit, and a multiplier must have the value that the
-    bifurcation requires.
+    A multiplier must have the value of the bifurcation, and the exact method must confirm the
+    orbit.
     """
     reason = find_objection(kind, motion)
     if reason is not None:
@@ -105,18 +107,18 @@ def _orientation_of_impacts(motion: Motion) -> float:
 
 
 def _orientation_of_reversals(motion: Motion) -> float:
-    """Return the sign, 1 or -1, of a product over all reversals.
+    """Return -1 if an odd number of reversals have a positive `Motion.turning`, else 1.
 
-    The factors are the relative accelerations before the reversals divided by the changes that
-    friction causes.
+    `Motion.turning` is the relative acceleration before a reversal over its change by friction.
     """
     return float(np.prod(np.where(motion.turning > 0, -1.0, 1.0)))
 
 
 def minus_one_test(motion: Motion) -> float:
-    """Return a function from -1 to 1 that is zero where a multiplier is -1, without a pole.
+    """Return a test function of period doubling and symmetry breaking, from -1 to 1.
 
-    The result is NaN if an impact has zero velocity.
+    It is zero where a multiplier is -1, and has no pole. The result is NaN if an impact has zero
+    relative velocity.
     """
     values = compute_multipliers(motion)
     if values is None:
@@ -127,9 +129,10 @@ def minus_one_test(motion: Motion) -> float:
 
 
 def plus_one_test(motion: Motion) -> float:
-    """Return a function from -1 to 1 that is zero where a multiplier is 1, without a pole.
+    """Return a test function of folds and branch points, from -1 to 1.
 
-    The result is NaN if an impact has zero velocity.
+    It is zero where a multiplier is 1, and has no pole. The result is NaN if an impact has zero
+    relative velocity.
     """
     values = compute_multipliers(motion)
     if values is None:
@@ -140,13 +143,16 @@ def plus_one_test(motion: Motion) -> float:
 
 
 def torus_test(motion: Motion) -> float:
-    """Return a function from -1 to 1 that is zero where two multipliers have the product 1.
+    """Return a test function of torus bifurcations, from -1 to 1.
 
-    It has no pole. The result is NaN if an impact has zero velocity.
+    It is zero where two multipliers have the product 1, and has no pole. The product is also 1 for
+    two real multipliers, which is no bifurcation. The result is NaN if an impact has zero relative
+    velocity.
 
-    At a slow impact the determinant of M stays finite: one multiplier grows without bounds, another
-    vanishes and their product stays, so an even number of products changes its sign. At a reversal
-    the determinant grows too, and an odd number of products changes its sign.
+    Where the velocity of an impact passes zero, det M stays finite: one multiplier grows without
+    bound, another vanishes, and their product stays finite. So an even number of products changes
+    its sign, and no factor for impacts is needed. At a reversal det M grows without bound too, and
+    an odd number of products changes its sign.
     """
     values = compute_multipliers(motion)
     if values is None:
@@ -158,10 +164,11 @@ def torus_test(motion: Motion) -> float:
 
 
 def compute_half_difference(solution: Solution, side: float) -> Array:
-    """Return the second half of the events less the first half times ``side``.
+    """Return the differences between the second and the first half of an orbit's events.
 
-    The differences are those of phases in rad, and of impulses relative to the largest one. They
-    are infinite for an odd number of events.
+    They are, for each pair of events, the difference of the phases in rad, less half of the orbit,
+    and then the second impulse less ``side`` (1 or -1) times the first, over the largest impulse.
+    For an odd number of events the result is [inf].
     """
     half = len(solution.phases) // 2
     if len(solution.phases) % 2:
@@ -175,15 +182,15 @@ def compute_half_difference(solution: Solution, side: float) -> Array:
 
 
 def largest_half_difference(solution: Solution, side: float) -> float:
-    """Return the largest difference of `compute_half_difference`."""
+    """Return the largest absolute value of `compute_half_difference`."""
     return float(np.max(np.abs(compute_half_difference(solution, side))))
 
 
 def kinds_of_birth(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:
-    """Return the bifurcations from which orbits with a schedule may emerge.
+    """Return the bifurcations from which orbits with a schedule may emerge as (sign, kind).
 
-    Each is a pair (sign, kind): the second half of the orbit is ``sign`` times the first at the
-    bifurcation.
+    At the bifurcation the second half of the orbit is ``sign`` times the first: -1 at symmetry
+    breaking, 1 at period doubling. The result is empty for a symmetric schedule.
     """
     if schedule.symmetric:
         return ()
@@ -195,12 +202,13 @@ def kinds_of_birth(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:
 def find_parent_at_birth(
     solution: Solution, parameter: str, apart: float = NEAR_BIRTH
 ) -> tuple[str, Solution] | None:
-    """Return the bifurcation from which the orbits next to a solution emerge.
+    """Return the bifurcation in ``parameter`` from which orbits like a solution emerge.
 
-    It is a bifurcation in ``parameter``, returned as its kind and the orbit at it, whose span is
-    half of the solution's and whose multiplier is -1. The solution has no symmetry or a doubled
-    period. The result is None if both halves of the solution differ by more than ``apart`` (rad and
-    shares of the largest impulse), or if no such orbit is found.
+    The solution is unsymmetric, after symmetry breaking, or has a doubled period. Next to the
+    bifurcation its halves are nearly equal, up to the sign. The result is the kind of the
+    bifurcation, and the orbit there: it has half of the solution's span and a multiplier of -1. The
+    result is None if the halves differ by ``apart`` or more, as by `largest_half_difference`, or if
+    no such orbit is found.
     """
     for side, kind in kinds_of_birth(solution.schedule):
         if not largest_half_difference(solution, side) < apart:
@@ -210,7 +218,7 @@ def find_parent_at_birth(
         multiple = old.period_multiple if side < 0 else old.period_multiple // 2
         try:
             schedule = EventSchedule(old.events[:half], side < 0, multiple)
-        except ParameterError:  # reversals of friction in another order in the other half
+        except ParameterError:  # the halves have slip reversals in different orders
             return None
         start = Solution(
             solution.case,
@@ -229,8 +237,8 @@ def find_parent_at_birth(
 def _solve_for_minus_one(start: Solution, parameter: str) -> Solution | None:
     """Return the orbit next to a solution at which `minus_one_test` vanishes.
 
-    The parameter is varied by the secant method. The result is None if it does not converge to such
-    an orbit.
+    ``parameter`` is varied by the secant method. The result is None if that does not converge, or
+    if the parameter changes by `LEAST_HALF_DIFFERENCE` (relative) or more.
     """
     last = [start]
 

@@ -61,8 +61,8 @@ IEEE = 2  # floating point format
 ROTATIONS = (4, 5, 6)
 DIRECTION_NAMES = ("", "X", "Y", "Z", "RX", "RY", "RZ")
 FOOT = 0.3048
-# code of a system of units -> metres and newtons in its units of length and force; of others the
-# file says
+# code of a system of units -> its units of length in m and of force in N; for other codes the
+# file has them
 UNIT_SYSTEMS = {
     1: (1.0, 1.0), 2: (FOOT, POUND_FORCE), 3: (1.0, STANDARD_GRAVITY),
     4: (FOOT, POUND_FORCE * FOOT / STANDARD_GRAVITY), 5: (1e-3, 1e-3),
@@ -75,22 +75,25 @@ ABSENT_TEXTS = ("", "NONE", "NULL")
 
 @dataclass(frozen=True)
 class UnitSystem:
-    """A system of units: metres in its ``length``, newtons in its ``force``, and its ``name``."""
+    """A system of units."""
 
-    length: float
-    force: float
+    length: float  # its unit of length in m
+    force: float  # its unit of force in N
     name: str
 
 
 def _require_whole(file: Path) -> None:
-    """Raise ParameterError unless every dataset of a file that begins also ends."""
+    """Raise ParameterError if a file has no dataset, or its last dataset does not end."""
     delimiters = len(DELIMITER.findall(file.read_bytes()))
     allowed = "a whole Universal File, each of whose datasets begins and ends with a line -1"
     require(delimiters > 0 and delimiters % 2 == 0, f"{file.name}: lines -1", delimiters, allowed)
 
 
 def _read_datasets(file: Path) -> list[tuple[int, Dataset]]:
-    """Return number, from 1, and content of the datasets 58 and 164 of a file."""
+    """Return the datasets 58 and 164 of a file, each with its number, from 1, among all datasets.
+
+    Raises ParameterError for a file that cannot be read, and MissingExtraError without pyuff.
+    """
     with optional():
         import pyuff
     _require_whole(file)
@@ -113,7 +116,11 @@ def _read_datasets(file: Path) -> list[tuple[int, Dataset]]:
 
 
 def _unit_system(file: Path, datasets: Sequence[tuple[int, Dataset]]) -> UnitSystem | None:
-    """Return the system of units that a file declares, None if it declares none."""
+    """Return the system of units in a file's datasets 164, None without one.
+
+    Raises ParameterError for an unknown code, for factors that contradict the code, and for two
+    different systems.
+    """
     systems = []
     for number, part in datasets:
         if part["type"] != 164:
@@ -160,16 +167,19 @@ def _label(part: Dataset, name: str) -> str | None:
 
 
 def _unit_of_system(where: str, part: Dataset, system: UnitSystem | None) -> Unit | None:
-    """Return the unit of the values of a kind of data in a system of units.
+    """Return the unit of a dataset's values, from its kind of data and the file's system of units.
 
-    The result is None if the file does not state it.
+    Without a system, units are SI. The result is None if the kind of data is unknown, or general
+    data that may be an acceleration, a velocity or a displacement. For a kind without a unit here,
+    such as pressure, its factor is NaN. Raises ParameterError for other general data, and for
+    general data with a length to the power 1 in a system that is not SI.
     """
     kind = int(part["ordinate_spec_data_type"])
     exponents = [int(part[f"ordinate_{name}_unit_exp"]) for name in ("len", "force", "temp")]
     if kind == GENERAL_DATA:
         if exponents == [0, 1, 0]:
             kind = FORCE_DATA[0]
-        elif exponents == [1, 0, 0]:  # also of velocities and displacements: times are not told
+        elif exponents == [1, 0, 0]:  # may be a velocity or a displacement: time has no exponent
             require(
                 system is None or system.length == 1,
                 f"{where}: ordinate",
@@ -203,7 +213,13 @@ def _unit_of_system(where: str, part: Dataset, system: UnitSystem | None) -> Uni
 def _values_unit(
     where: str, part: Dataset, system: UnitSystem | None, options: RecordOptions
 ) -> tuple[Unit | None, str | None]:
-    """Return the unit of the values (None: not stated), and the label of an unknown unit."""
+    """Return the unit of a dataset's values, and a label that is no known unit.
+
+    The unit is that of the label, if it is known, or follows from kind of data and system of units;
+    None if the file has neither. The label is returned, instead of None, only if kind of data and
+    system give no unit. Raises ParameterError if both units differ, and for a label that is needed
+    but unknown unless ``options.unit`` is given.
+    """
     by_system = _unit_of_system(where, part, system)
     label = _label(part, "ordinate")
     by_label = None if label is None else find_unit(label)
@@ -244,7 +260,7 @@ def _values_unit(
 
 
 def _describe(part: Dataset) -> str:
-    """Return response node and direction of a dataset 58, as 12:+Z."""
+    """Return response node and direction of a dataset 58 as text, such as "12:+Z"."""
     direction = int(part.get("rsp_dir", 0))
     sign = "" if direction == 0 else "-" if direction < 0 else "+"
     axis = DIRECTION_NAMES[abs(direction)] if abs(direction) < len(DIRECTION_NAMES) else "?"
@@ -254,8 +270,8 @@ def _describe(part: Dataset) -> str:
 def _require_time_history(where: str, part: Dataset, options: RecordOptions) -> None:
     """Raise ParameterError for a dataset 58 that is not a complete, suitable time history.
 
-    The error is raised if its header says that it is no translation or force over time, or that it
-    is incomplete.
+    Suitable are real values over time that are no ratio and no rotation. A negative direction needs
+    ``options.scale``. Complete means that all points and bytes of the header are there.
     """
     kind = int(part["abscissa_spec_data_type"])
     is_time = kind == TIME_DATA or (
@@ -329,7 +345,11 @@ def _require_time_history(where: str, part: Dataset, options: RecordOptions) -> 
 
 
 def read_uff(file: Path, options: RecordOptions) -> Channel:
-    """Return a time history of a Universal File, with its times, in the file's units."""
+    """Return a time history of a Universal File, with its times, in the file's units.
+
+    ``options.channel`` chooses it if there are several. Raises ParameterError for a file, a dataset
+    or a unit that cannot be used, and MissingExtraError without pyuff.
+    """
     datasets = _read_datasets(file)
     system = _unit_system(file, datasets)
     functions = [(number, part) for number, part in datasets if part["type"] == 58]

@@ -1,7 +1,7 @@
-"""A record of a file in SI units at even times.
+"""Reading of a record from a file, in SI units at evenly spaced times.
 
-The reader of the file's format is followed by the conversion of units, the times and the check for
-clipping.
+`read_record` calls the reader of the file's format, converts units, finds the times, and checks for
+clipped values and uneven steps.
 """
 
 from collections.abc import Callable
@@ -43,20 +43,22 @@ DIMENSIONS = {
     "velocity": VELOCITY_DIMENSION,
     "acceleration": ACCELERATION_DIMENSION,
 }
-# samples in a row at a record's largest or smallest value: what a converter gives beyond its range
+# so many samples in a row at a record's largest or smallest value mean a clipped signal
 CLIPPED = 8
-LONGEST_STEP = 1.5  # usual steps: a longer one has lost a sample
-SHORTEST_STEP = (
-    0.5  # usual steps: with shorter ones, straight lines at usual steps leave samples out
-)
+# time steps over their median: a longer step has lost a sample, and with shorter steps linear
+# interpolation would skip samples
+LONGEST_STEP = 1.5
+SHORTEST_STEP = 0.5
 
 
 def _choose_unit(
     file: Path, key: str, unit: str | None, own: Unit | None, unknown: str | None, dimension: str
 ) -> Unit | None:
-    """Return the unit of values or times, from the load's table or the file.
+    """Return the unit of values or times; None if neither user nor file gives one (SI).
 
-    Raises ParameterError if both give a unit and the units differ.
+    ``unit``: the user's value for ``key``; ``own``: the file's unit; ``unknown``: a label in the
+    file that is no known unit. Raises ParameterError for a unit of another dimension, for two units
+    that differ, and for an unknown label if ``unit`` is None.
     """
     wanted = None if unit is None else require_unit(key, unit, dimension)
     if own is not None:
@@ -77,7 +79,11 @@ def _choose_unit(
 
 
 def _factor(file: Path, options: RecordOptions, channel: Channel) -> float:
-    """Return the factor from the values of a file to the SI unit of their quantity."""
+    """Return the factor from the values of a file to SI units: unit times ``options.scale``.
+
+    Raises ParameterError for a scale without ``options.unit`` if the file has a unit that is not
+    SI.
+    """
     unit = _choose_unit(
         file, "unit", options.unit, channel.unit, channel.unit_unknown, DIMENSIONS[options.quantity]
     )
@@ -93,7 +99,10 @@ def _factor(file: Path, options: RecordOptions, channel: Channel) -> float:
 
 
 def _times(file: Path, options: RecordOptions, channel: Channel) -> Array:
-    """Return the times of a channel in s."""
+    """Return the times (K,) of a channel in s, from the file or from a sample rate.
+
+    Raises ParameterError if file and options give both or neither.
+    """
     rate = options.sample_rate
     count = len(channel.values)
     if channel.times is not None or channel.rate is not None:
@@ -128,7 +137,10 @@ def _times(file: Path, options: RecordOptions, channel: Channel) -> Array:
 
 
 def _refuse_clipped(file: Path, channel: Channel) -> None:
-    """Raise ParameterError for a record that stays at its largest or smallest value."""
+    """Raise ParameterError if `CLIPPED` samples in a row have the largest or smallest value.
+
+    Zero does not count, nor does a constant record.
+    """
     values = channel.values
     for extreme in (float(np.max(values)), float(np.min(values))):
         at = np.flatnonzero(values == extreme)
@@ -146,9 +158,11 @@ def _refuse_clipped(file: Path, channel: Channel) -> None:
 def _to_even_times(
     file: Path, options: RecordOptions, channel: Channel, times: Array, values: Array
 ) -> tuple[Array, Array]:
-    """Return times from 0 at even steps and the values at these times.
+    """Return evenly spaced times (K,) from 0 and the values (K,) at these times.
 
-    An uneven record is refused unless it is to be resampled.
+    Uneven records are interpolated linearly if ``options.resample`` is set. Raises ParameterError
+    for other uneven records, for steps outside `SHORTEST_STEP` to `LONGEST_STEP` times the median,
+    and for times that do not increase.
     """
     steps = np.diff(times)
     for k in np.flatnonzero(~(steps > 0))[:1]:
@@ -178,10 +192,10 @@ def _to_even_times(
 
 
 def read_record(file: Path, options: RecordOptions) -> tuple[Array, Array]:
-    """Return times (K,) in s, even from 0, and values (K,) of a record in SI units.
+    """Return evenly spaced times (K,) in s from 0 and the values (K,) of a record in SI units.
 
-    Raises ParameterError with file, row or dataset, and what is allowed; OSError if the file cannot
-    be opened.
+    Raises ParameterError for a record that cannot be used, with the file, the row or dataset, and
+    the allowed values; OSError if the file cannot be opened.
     """
     channel = RECORD_READERS[file.suffix.lower()](file, options)
     require(

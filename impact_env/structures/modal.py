@@ -1,6 +1,6 @@
-"""Modes as plain numbers: the table ``model`` of a file.
+"""Reading and writing of a `ModalModel` as plain numbers: the table ``model`` of a file.
 
-The rows of the table may be the columns of a CSV file.
+The arrays of the table may be the columns of a separate CSV file, with a line for each mode.
 """
 
 import math
@@ -26,7 +26,7 @@ from impact_env.plain_files import (
 from impact_env.structures.checks import StructureWarning
 from impact_env.structures.matrix_files import read_columns
 
-# one number for all modes, or one each
+# one number for all modes, or one for each mode
 DAMPING_RATIO_CODEC = Codec(
     lambda path, plain: (
         tuple(ROW_CODEC.read(path, plain))
@@ -38,7 +38,10 @@ DAMPING_RATIO_CODEC = Codec(
 
 
 def require_text(path: str, plain: Any) -> str:
-    """Return a text that is not empty."""
+    """Return ``plain`` if it is a text that is not empty; otherwise raise ParameterError.
+
+    ``path`` is the path of the key in the file, for the error.
+    """
     require(isinstance(plain, str) and plain != "", path, plain, "a text")
     return str(plain)
 
@@ -47,9 +50,11 @@ TEXT_CODEC = Codec(require_text, str)
 
 
 def choose_damping_ratios(specified: Any, measured: Any, modes: int) -> Any:
-    """Return the damping ratio of each mode: the specified one, or else the measured one.
+    """Return the damping ratios (N_m,): the specified ones, or else the measured ones.
 
-    ``specified`` is a number, a list with one for each mode, or None.
+    ``specified`` is one number for all modes, a list with one for each mode, or None. ``measured``
+    is an array (N_m,), or None. Raises ParameterError if both are None, and for negative numbers or
+    a wrong number of them.
     """
     ratios = (
         [non_negative("damping_ratio", specified)] * modes
@@ -74,7 +79,7 @@ def choose_damping_ratios(specified: Any, measured: Any, modes: int) -> Any:
 
 
 def _read_names(path: str, plain: Any) -> tuple[str, ...]:
-    """Return a list of names."""
+    """Return a list of texts as a tuple; raises ParameterError if it is none."""
     require(isinstance(plain, list | tuple), path, plain, "a list of names")
     return tuple(require_text(f"{path}[{i}]", name) for i, name in enumerate(plain))
 
@@ -117,9 +122,9 @@ ROWS_OF_MODES = (
 
 
 def order_by_frequency(model: ModalModel) -> ModalModel:
-    """Return a model with its modes by ascending frequency.
+    """Return the model with its modes in the order of ascending frequency.
 
-    Resonance 1 is then the lowest. A warning is issued if the order was another one.
+    Resonance 1 is then the lowest one. Issues a StructureWarning if the order changes.
     """
     order = np.argsort(model.omega, kind="stable")
     if np.array_equal(order, np.arange(model.modes)):
@@ -137,9 +142,9 @@ def order_by_frequency(model: ModalModel) -> ModalModel:
 
 
 def require_modes_once(model: ModalModel) -> None:
-    """Raise ParameterError for a mode that is listed twice with the same numbers.
+    """Raise ParameterError if a mode is listed twice, so that it would count twice.
 
-    The sign may differ. Such a mode would count twice.
+    These are modes with exactly the same frequency and, up to a sign, the same shapes.
     """
     rows = np.vstack([model.force_shape, model.level_shape, model.places])
     for i in range(model.modes):
@@ -170,7 +175,12 @@ def _model(
     frequencies: list[float] | None = None,
     **more: Any,
 ) -> ModalModel:
-    """Return the model; ``more``: further arguments of `ModalModel`."""
+    """Return a model from the values in a file.
+
+    Either ``omega`` (rad/s) or ``frequencies`` (Hz) is needed, above 0; with the latter the modes
+    are sorted by frequency. ``damping_ratio`` is one number, or one for each mode. ``more``:
+    further arguments of `ModalModel`. Raises ParameterError for bad values.
+    """
     if omega is None:
         require(
             frequencies is not None,
@@ -193,11 +203,11 @@ def _model(
     model = ModalModel(
         np.array(omega), ratios, np.array(force_shape), np.array(tip_shape), beam_mass, **more
     )
-    # omega_rad_s is what a scene is written with, whose order is kept
+    # files written by this program have omega_rad_s: their order of modes is kept
     return model if frequencies is None else order_by_frequency(model)
 
 
-# a model is written with omega, which is exact, and read with either
+# a model is written with omega_rad_s, which is exact, and read with either key
 READ_KEYS: Keys = {
     "omega_rad_s": MODEL_KEYS["omega_rad_s"],
     "frequencies_hz": ("frequencies", ROW_CODEC),
@@ -210,12 +220,14 @@ MODEL_CODEC = Codec(
 
 
 def model_codec_for(folder: Path) -> Codec:
-    """Return the codec of a model whose rows may be the columns of a CSV file.
+    """Return the codec of a model whose arrays may be the columns of a CSV file.
 
-    The columns are named like the keys. ``folder``: folder of the file.
+    The table then has the key ``modes_csv`` with the CSV file's path, relative to ``folder``. The
+    columns are named like the keys of the table that they replace.
     """
 
     def read(path: str, plain: Any) -> Any:
+        """Return the model; raises ParameterError, also for a key in both table and CSV file."""
         if isinstance(plain, Mapping) and "modes_csv" in plain:
             name = require_text(f"{path}.modes_csv", plain["modes_csv"])
             rows = read_columns(folder / name, f"{path}.modes_csv")

@@ -1,6 +1,7 @@
 """Modes and nodes from a Universal File.
 
-They are its datasets 55, 15 and 2411 with their units and coordinate systems.
+Modes are read from its datasets 55, nodes from datasets 15 and 2411, units from dataset 164, and
+coordinate systems from datasets 18 and 2420.
 """
 
 import warnings
@@ -28,43 +29,44 @@ VECTORS = {
     0: None,
     2: 3,
     3: 6,
-}  # kinds of data, unknown or a vector, with the values a node of each
+}  # kinds of data (unknown, vector, vector with rotations) and their values at a node
 DISPLACEMENT = (0, 1, 8)  # quantities: unknown, general, displacement
 MOTION_TYPES = {11: "velocity", 12: "acceleration"}
 UNITS_DATASET = 164
 COLLINEAR = 0.95  # least modal phase collinearity of a complex shape that is read as a real one
-SAME_SHAPE = 1e-3  # of two listings of a mode, whose numbers have six digits
+SAME_SHAPE = 1e-3  # relative difference of two listings of one mode, which have six digits
 SAME_MODE = 0.95  # modal assurance criterion of two estimates of one mode
 NODE_DATASETS = (15, 2411)  # datasets with coordinates
 SYSTEMS = (18, 2420)  # datasets with coordinate systems
 GLOBAL = (
     0,
     1,
-)  # coordinate systems that are the global one, unless a dataset defines them otherwise
+)  # numbers of the global coordinate system, unless a dataset defines them otherwise
 IDENTITY_TOL = 1e-9
 UNIVERSAL_DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredMode:
-    """A mode of a file.
+    """A mode of a Universal File.
 
     Attributes
     ----------
     omega : float
         Frequency in rad/s.
     damping_ratio : float or None
-        Damping ratio, None if the file has none.
+        Damping ratio relative to critical damping, None if the file has none.
     nodes : array of int, (nodes,)
         Numbers of the nodes.
     shape : array, (nodes, 3)
         Real, mass-normalised mode shape at the nodes in 1/sqrt(kg).
     normalised_by_mass : bool
-        Whether the file has the modal mass.
+        Whether the file has the mode's modal mass, or modal A of a complex mode. If not, the shape
+        is taken as mass-normalised.
     number, load_case : int
         Numbers of mode and load case in the file.
     conjugated : bool
-        Whether the mode is the conjugate of a complex mode.
+        Whether the file lists the mode with the eigenvalue of negative imaginary part.
     """
 
     omega: float
@@ -74,17 +76,18 @@ class MeasuredMode:
     normalised_by_mass: bool
     number: int = 0  # in the file; 0: not given
     load_case: int = 0
-    conjugated: bool = False  # listed with the eigenvalue of negative imaginary part
+    conjugated: bool = False
 
 
 def read_modes(path: Path, load_case: int | None = None) -> list[MeasuredMode]:
     """Return the modes of a Universal File by ascending frequency, in SI units.
 
-    If ``load_case`` is given, they are the modes of this load case. A shape is divided by the root
-    of its modal mass, if the file has one. Only one mode is returned of a complex mode and its
-    conjugate, and of a mode that is listed twice with the same numbers. Raises ParameterError for a
-    file that is cut or has no modes, for fields with inconsistent values, for two different
-    listings of one mode, and for shapes that are far from real.
+    If ``load_case`` is given, only its modes are returned. A shape is divided by the square root of
+    its modal mass; if no mode has one, shapes are taken as mass-normalised, with a
+    StructureWarning. A complex mode and its conjugate count as one mode, as do two listings of a
+    mode with equal values. Raises ParameterError for a file that is cut or has no modes, for fields
+    with inconsistent values, for modal masses of some modes only, for two different listings of one
+    mode, and for shapes that are far from real.
     """
     datasets = read_datasets(path)
     mass_unit = _units(datasets)[1]
@@ -116,9 +119,9 @@ def read_modes(path: Path, load_case: int | None = None) -> list[MeasuredMode]:
 
 
 def _units(datasets: list[Dataset]) -> tuple[float, float]:
-    """Return the length unit in m and the mass unit in kg of the datasets 164.
+    """Return the unit of length in m and the unit of mass in kg from the datasets 164.
 
-    SI units without one.
+    They are 1 without a dataset 164. Raises ParameterError if these datasets differ.
     """
     result = set()
     for part in datasets:
@@ -139,9 +142,12 @@ def _units(datasets: list[Dataset]) -> tuple[float, float]:
 
 
 def without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]:
-    """Return modes without those that repeat another mode with the same numbers.
+    """Return modes without repeated listings of a mode.
 
-    Raises ParameterError if a mode is listed twice with different numbers.
+    A listing is dropped if frequency, damping ratio and shape agree with those of an earlier one;
+    a StructureWarning reports it, except for a conjugate. Raises ParameterError if a
+    mode is listed twice with different values: the same mode number in one load case, or nearly the
+    same shape with a close frequency or the same mode number.
     """
     distinct: list[MeasuredMode] = []
     dropped = []
@@ -199,7 +205,10 @@ def without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]
 def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
     """Return the mode of a dataset 55, its shape in 1/sqrt(kg).
 
-    The result is None for results of another kind and for a conjugate.
+    A conjugate is returned as the mode with positive imaginary part, marked as ``conjugated``. The
+    result is None if the dataset has no mode, or values other than displacements. Raises
+    ParameterError for fields that cannot be read as a real mode, and for velocities or
+    accelerations.
     """
     model, analysis, kind, quantity, data, values = part.whole(5, 6)
     if analysis != NORMAL and analysis not in COMPLEX:
@@ -281,8 +290,9 @@ def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
 def _damping(name: str, viscous: float, hysteretic: float) -> float | None:
     """Return the damping ratio of a normal mode.
 
-    It is the viscous one, or half of the loss factor. It is None if neither is given, or if they
-    disagree.
+    It is the ``viscous`` ratio, or half of the ``hysteretic`` loss factor. It is None if both are 0
+    (not given), or, with a StructureWarning, if they disagree. Raises ParameterError for negative
+    values.
     """
     for value in (viscous, hysteretic):
         require(value >= 0, "file", f"{name}, damping {value:g}", "damping of 0 (none) or above")
@@ -302,9 +312,9 @@ def _damping(name: str, viscous: float, hysteretic: float) -> float | None:
 def _values(
     part: Dataset, line: int, number: int, complex_data: bool
 ) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Return nodes (N,) and their first three values (N, 3), real or complex.
+    """Return node numbers (N,) and the displacements in x, y and z (N, 3), real or complex.
 
-    They are read from a line of a dataset 55 on.
+    They are read from index ``line`` of a dataset 55 to its end; ``number``: values at a node.
     """
     wanted = number * (2 if complex_data else 1)
     lines_a_node = -(-wanted // 6)
@@ -326,9 +336,9 @@ def _values(
 
 
 def _real(name: str, shape: NDArray[np.complex128]) -> Real:
-    """Return a complex shape rotated to the real axis.
+    """Return the real part of a complex shape after the rotation that makes it largest.
 
-    Raises ParameterError if it is far from real.
+    Raises ParameterError if the modal phase collinearity is below `COLLINEAR`.
     """
     turn = np.sum(shape**2)
     collinear = float(abs(turn)) / max(float(np.sum(np.abs(shape) ** 2)), np.finfo(float).tiny)
@@ -338,10 +348,11 @@ def _real(name: str, shape: NDArray[np.complex128]) -> Real:
 
 
 def select_shapes(modes: list[MeasuredMode], path: Path, name: str, place: tuple[int, str]) -> Real:
-    """Return the shapes (N_m,) at a node in a direction, in 1/sqrt(kg).
+    """Return the modes' shapes (N_m,) at a node in a direction, in 1/sqrt(kg).
 
-    The direction is one of x, y, z, with or without a sign. A mode that does not list a node which
-    others list has the value 0 there, because the format allows zeros to be left out.
+    ``place``: number of the node, and x, y or z with or without a sign. A mode without the node has
+    the value 0 there, because the format allows zeros to be left out. Raises ParameterError, with
+    ``name`` in its message, if no mode has the node.
     """
     node, direction = place
     sign, axis = (
@@ -359,10 +370,10 @@ def select_shapes(modes: list[MeasuredMode], path: Path, name: str, place: tuple
 
 
 def _global_systems(datasets: list[Dataset], rows: int) -> set[int]:
-    """Return the numbers of the coordinate systems that are Cartesian and turned as the global one.
+    """Return the numbers of the coordinate systems that are equal to the global one.
 
-    ``rows`` of the transformation are compared: three have the directions, the fourth has the
-    origin.
+    ``rows``: 3 to compare directions, 4 to compare the origin too. Systems of dataset 18 always
+    count as local.
     """
     result = set(GLOBAL)
     for part in datasets:
@@ -383,9 +394,11 @@ def _global_systems(datasets: list[Dataset], rows: int) -> set[int]:
 
 
 def _nodes(datasets: list[Dataset]) -> dict[int, tuple[int, int, list[float]]]:
-    """Return systems and coordinates of each node of the datasets 15 and 2411.
+    """Return a dict of the nodes in datasets 15 and 2411, by their numbers.
 
-    They are definition and displacement system, and coordinates in the file's unit.
+    Each has the number of the coordinate system of its coordinates, that of its displacements, and
+    the three coordinates in the file's unit. Raises ParameterError for two different nodes with one
+    number.
     """
     result: dict[int, tuple[int, int, list[float]]] = {}
     for part in datasets:
@@ -406,9 +419,9 @@ def _nodes(datasets: list[Dataset]) -> dict[int, tuple[int, int, list[float]]]:
 
 
 def _point_15(part: Dataset, line: int) -> list[float]:
-    """Return the coordinates of a line of a dataset 15.
+    """Return the three coordinates in a line of a dataset 15, in the file's unit.
 
-    They follow four integers in 40 columns.
+    The line has four integers in 40 columns before them.
     """
     text = part.lines[line].rstrip()
     cells = text.split()[4:]
@@ -424,7 +437,11 @@ def _point_15(part: Dataset, line: int) -> list[float]:
 
 
 def require_global_directions(path: Path, places: dict[str, int]) -> None:
-    """Raise ParameterError if a node in use has displacements in a local coordinate system."""
+    """Raise ParameterError if a node in use has displacements in a local coordinate system.
+
+    ``places``: node numbers by names for the message. A node that the file does not define counts
+    as global.
+    """
     datasets = read_datasets(path)
     systems = _global_systems(datasets, 3)
     nodes = _nodes(datasets)
@@ -444,7 +461,8 @@ def require_global_directions(path: Path, places: dict[str, int]) -> None:
 def read_nodes(path: Path) -> tuple[NDArray[np.int64], Real]:
     """Return numbers (N,) and coordinates (N, 3) in m of a Universal File's nodes.
 
-    They come from its datasets 15 or 2411. Raises ParameterError if it has none.
+    They come from its datasets 15 and 2411. Raises ParameterError if it has none, or if a node has
+    coordinates in a local coordinate system.
     """
     datasets = read_datasets(path)
     nodes = _nodes(datasets)

@@ -28,8 +28,8 @@ UNIFORM = "uniform"
 LOG_UNIFORM = "log"
 NORMAL = "normal"
 SHAPES = (UNIFORM, LOG_UNIFORM, NORMAL)
-CUT = 3.0  # standard deviations of a normal prior
-LEAST_SHARE = 1e-6  # of a friction limit's upper end: friction stays a part of the scene
+CUT = 3.0  # standard deviations from the mean at which a normal prior is truncated
+LEAST_SHARE = 1e-6  # lower end of a friction limit over its upper end: above 0, so friction stays
 UNITS = {
     DAMPING: "",
     FREQUENCY: "Hz",
@@ -46,7 +46,8 @@ class Prior:
     """Prior distribution of a parameter.
 
     It is uniform or log-uniform from ``low`` to ``high``, or normal with mean ``low`` and standard
-    deviation ``high``.
+    deviation ``high``, truncated at three of them, at 0, and at 1 for restitution. Values are in
+    the units of `UNITS`.
     """
 
     name: str
@@ -55,7 +56,7 @@ class Prior:
     shape: str = UNIFORM
 
     def at(self, share: Array) -> Array:
-        """Return the quantiles at shares (N,) from 0 to 1."""
+        """Return the quantiles (N,) at probabilities ``share`` (N,)."""
         if self.shape == NORMAL:
             least = (
                 -CUT if self._lowest is None else max(-CUT, (self._lowest - self.low) / self.high)
@@ -68,17 +69,17 @@ class Prior:
 
     @property
     def _lowest(self) -> float | None:
-        """The least value that a normal distribution is cut at."""
+        """Lower bound of a normal distribution, None: only the truncation at `CUT`."""
         return 0.0
 
     def share_of(self, value: float) -> float:
-        """Return the share, 0 to 1, of the distribution below a value."""
+        """Return the probability, 0 to 1, of values below a value."""
         grid = np.linspace(0.0, 1.0, 4001)
         return float(np.interp(value, self.at(grid), grid))
 
     @property
     def words(self) -> str:
-        """The distribution in words."""
+        """The distribution in words, with its unit."""
         unit = UNITS[self.name]
         if self.shape == NORMAL:
             text = f"normal, mean {self.low:.4g}, standard deviation {self.high:.4g} {unit}"
@@ -88,7 +89,7 @@ class Prior:
         return text.rstrip()
 
     def to_plain(self) -> list[float | str]:
-        """Return the distribution as JSON values."""
+        """Return [low, high, shape] for JSON."""
         return [self.low, self.high, self.shape]
 
 
@@ -100,8 +101,9 @@ def read_priors(
 ) -> tuple[Prior, ...]:
     """Return the prior of each free parameter; parameters without a range get `usual_prior`.
 
-    Raises ParameterError for an unknown name, for a parameter that the scene lacks, and for an
-    impossible range.
+    ``free``: names, or for each name two numbers and optionally a distribution (`FORM`) or None.
+    Raises ParameterError for an unknown or repeated name, for a parameter that the scene lacks, for
+    both mass and mass ratio, and for an impossible range.
     """
     absorber = require_impact_absorber(scene)
     table = dict(free) if isinstance(free, Mapping) else dict.fromkeys(free)
@@ -125,6 +127,7 @@ def read_priors(
 
 
 def _read_prior(name: str, value: Sequence[float | str]) -> Prior:
+    """Return the prior that two numbers, and optionally a distribution, define (`FORM`)."""
     path = f"free {name}"
     words = list(value)
     require(len(words) in (2, 3), path, value, FORM)
@@ -143,6 +146,7 @@ def _read_prior(name: str, value: Sequence[float | str]) -> Prior:
 
 
 def _number(path: str, word: float | str) -> float:
+    """Return a finite number; raises ParameterError that names ``path``."""
     try:
         return finite(path, float(word))
     except (ValueError, TypeError) as error:
@@ -150,9 +154,13 @@ def _number(path: str, word: float | str) -> float:
 
 
 def usual_prior(name: str, scene: Scene, resonance: int) -> Prior:
-    """Return the prior of a parameter without a range, around the scene's own value.
+    """Return the default prior of a parameter.
 
-    Raises ParameterError for a parameter without usual prior.
+    It lies around the scene's value, for restitution and the ratio of static friction in a fixed
+    range, for other contact parameters in a range that follows from mass, gap and frequency.
+
+    Raises ParameterError for a parameter without default prior, and if a value that the range
+    is relative to is not positive.
     """
     absorber = require_impact_absorber(scene)
     model = scene.model
@@ -183,7 +191,7 @@ def usual_prior(name: str, scene: Scene, resonance: int) -> Prior:
         return Prior(name, low * nominal[name], high * nominal[name], shape)
     if name == RESTITUTION:
         return Prior(name, 0.2, 0.95)
-    inertia = mass * omega**2 * walls.gap  # N: of the absorber that moves with half of its cavity
+    inertia = mass * omega**2 * walls.gap  # N, inertial force at an amplitude of one gap
     if name == FRICTION_LIMIT:
         high = max(0.5 * inertia, 3 * float(own.get(FRICTION_LIMIT) or 0.0))
         return Prior(name, LEAST_SHARE * high, high)
@@ -199,7 +207,10 @@ def usual_prior(name: str, scene: Scene, resonance: int) -> Prior:
 
 
 def require_impact_absorber(scene: Scene) -> SlidingAbsorber:
-    """Return the absorber of a scene; raises ParameterError unless it is one impact absorber."""
+    """Return the absorber of a scene.
+
+    Raises ParameterError unless it is a single absorber between walls, rigid or compliant.
+    """
     absorber = scene.absorber
     if isinstance(absorber, SlidingAbsorber) and absorber.walls is not None:
         return absorber
@@ -209,10 +220,10 @@ def require_impact_absorber(scene: Scene) -> SlidingAbsorber:
 
 
 def scene_with(scene: Scene, chosen: Mapping[str, float], resonance: int) -> Scene:
-    """Return the scene with other values of parameters, by their names in `PARAMETERS`.
+    """Return the scene with the ``chosen`` values of parameters, by their names in `PARAMETERS`.
 
-    ``frequency`` (Hz) and ``damping`` are those of the resonance; those of the other modes change
-    in proportion.
+    ``frequency`` (Hz) and ``damping`` (ratio) belong to the ``resonance`` (counted from 1).
+    Frequencies and damping ratios of the other modes change by the same factors.
     """
     model = scene.model
     which = resonance - 1

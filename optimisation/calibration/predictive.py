@@ -1,13 +1,16 @@
 """Posterior predictive check: whether the model explains the measured statistics.
 
 Parameters are drawn from the posterior and the measurement is simulated with each draw. Deviations
-that other values of the parameters would remove do not contradict the model. The statistics (D,) of
-a simulated or real measurement are therefore compared with the mean statistics of simulations with
-the same fitted parameters. The residuals are summarised by three distances: the Mahalanobis
-distance with a shrunk covariance, which is sensitive to many small deviations; the largest single
-deviation; and, with several measurements, the difference between the parameters fitted to each
-measurement. The distances of the simulations give the probability of a distance as large as the
-real measurement's without an assumed distribution.
+that other values of the parameters would remove do not contradict the model. Therefore parameters
+are fitted to the D statistics of each simulated measurement and of the real one. The mean
+statistics of simulations, as a function of the fitted parameters, are subtracted from the
+statistics. The residuals are summarised by three distances: the Mahalanobis distance with a shrunk
+covariance, which is sensitive to many small deviations; the largest single deviation; and, with
+several measurements, the difference between the parameters fitted to each measurement. The
+probability of a distance as large as that of the real measurement is the share of simulations with
+such a distance; no distribution is assumed.
+
+Here a replicate is a measurement simulated with a draw of the posterior.
 """
 
 from collections.abc import Sequence
@@ -28,23 +31,22 @@ from optimisation.calibration.likelihood import fit_score_statistics, polynomial
 from optimisation.calibration.summaries import Statistic
 
 Array = NDArray[np.float64]
-REPLICATES = 160
+REPLICATES = 160  # simulated measurements
 LEAST_PROBABILITY = 0.05  # below it the model does not explain the measurement
 BIN_PROBABILITY = 0.01  # of a single statistic, to be listed as not explained
 SHRINKAGE = 0.2  # of the covariance towards its diagonal
-LEAST_DEVIATION = 0.005  # of a logarithm: levels are not known better than 0.5 %
-PARTS = 4  # of the simulations: each has distances by covariances of the others
-MOST_DEVIATIONS = (
-    6.0  # of a fitted parameter from the mean of simulations: the means are not extrapolated
-)
+LEAST_DEVIATION = 0.005  # of a logarithm: levels are not known to better than 0.5 %
+PARTS = 4  # of the simulations: distances in each part use mean and covariance of the other parts
+# standard deviations from the mean at which fitted parameters are clipped: no extrapolation beyond
+MOST_DEVIATIONS = 6.0
 
 
 @dataclass(frozen=True, eq=False)
 class MeasurementEstimate:
     """Parameters estimated from one measurement alone.
 
-    ``shares``: estimates (P,) as shares of the priors. ``scatter``: their scatter (P,) among
-    simulations.
+    ``shares``: estimates (P,), from 0 to 1 as shares of the prior distributions. ``scatter``:
+    standard deviation (P,) of the errors of such estimates in simulations.
     """
 
     measurement: str
@@ -65,18 +67,19 @@ class PredictiveCheck:
     quantiles : array, (3, D)
         5, 50 and 95 % quantiles of the replicates' statistics.
     deviations : array, (D,)
-        Deviations of the measured statistics from those of the fitted parameters, in standard
-        deviations of simulations.
+        Residuals of the measured statistics from the mean statistics at the fitted parameters,
+        divided by the standard deviation of the simulations' residuals.
     probability : float
-        Probability of a distance at least as large as the measured one if the model is right.
+        p-value of all distances together: probability that they are at least as unusual as the
+        measured ones if the model is right.
     log_score : float
         Logarithm of the replicates' Gaussian density at the measured statistics.
     simulations : int
-        Number of simulations with whose distances the measured one is compared.
+        Number of simulations with whose distances the measured ones are compared.
     estimates : tuple of MeasurementEstimate
-        Parameters fitted to each of several measurements.
+        Parameters fitted to each of several measurements alone; empty for one measurement.
     contradiction : float
-        Probability of estimates that differ at least as much, 1 for one measurement.
+        p-value of the difference between these estimates, 1 for one measurement.
     parameters : int
         Number of fitted parameters.
     """
@@ -94,26 +97,26 @@ class PredictiveCheck:
 
     @property
     def score(self) -> float:
-        """Predictive score for the comparison of models.
+        """Predictive score for the comparison of models; the higher, the better.
 
-        It is the log score less half the number of fitted parameters.
-
-        In a linear normal model with n data and p parameters the squared distance of the data from
-        a prediction that was fitted to them is n - p in the mean, and n for new data: the log score
-        of the former is higher by p / 2.
+        It is the log score less half the number of fitted parameters, because the fit to the same
+        data raises the log score. In a linear normal model with n data and p parameters, the mean
+        squared distance from the fitted prediction is n - p for these data and n for new data. The
+        log score of these data is therefore higher by p/2.
         """
         return self.log_score - 0.5 * self.parameters
 
     @property
     def explains(self) -> bool:
-        """Whether the model explains the measurement."""
+        """Whether the model explains the measurement: ``probability`` >= `LEAST_PROBABILITY`."""
         return self.probability >= LEAST_PROBABILITY
 
     @property
     def failing(self) -> list[int]:
-        """Indices of the statistics that are not explained, the worst first.
+        """Indices of the statistics that the model does not explain, by descending deviation.
 
-        The list is empty if the model explains the measurement.
+        The list is empty if the model explains the measurement, and otherwise has at least the
+        statistic with the largest deviation.
         """
         limit = float(scipy.stats.norm.isf(BIN_PROBABILITY / 2))
         if self.explains:
@@ -123,7 +126,7 @@ class PredictiveCheck:
 
 
 def standardise(statistics: Array) -> tuple[Array, Array]:
-    """Return mean and standard deviation (D,) of replicates.
+    """Return mean (D,) and standard deviation (D,) of ``statistics`` (N, D).
 
     The standard deviation is at least `LEAST_DEVIATION`.
     """
@@ -135,15 +138,18 @@ def standardise(statistics: Array) -> tuple[Array, Array]:
 def subtract_fit(
     estimates: Array, statistics: Array, own_estimate: Array, observed: Array
 ) -> tuple[Array, Array]:
-    """Return residuals of simulated statistics (N, D) and of observed ones (D,) from a fit.
+    """Return residuals of simulated ``statistics`` (N, D) and of ``observed`` ones (D,).
 
-    The fit is a quadratic polynomial of the parameters' ``estimates`` (N, P), for each simulation
-    without itself. ``own_estimate`` (P,) is the estimate for the observed statistics.
+    The residuals (N, D) and (D,) are those from quadratic polynomials of the parameters fitted to
+    each simulation (``estimates``, (N, P)) or to the observation (``own_estimate``, (P,)). The
+    polynomials are fitted to the simulations; a simulation's residual is that of the fit to all
+    other simulations.
     """
     mean = np.mean(estimates, axis=0)
     deviation = np.maximum(np.std(estimates, axis=0), 1e-9)
 
     def terms_of(points: Array) -> Array:
+        """Return the terms (N, C) of the polynomials at estimates (N, P), which are clipped."""
         z = np.clip((points - mean) / deviation, -MOST_DEVIATIONS, MOST_DEVIATIONS)
         return polynomial_terms(0.5 + z / (2 * MOST_DEVIATIONS), 2)
 
@@ -151,14 +157,17 @@ def subtract_fit(
     left, _, _ = np.linalg.svd(terms, full_matrices=False)
     leverage = np.minimum(np.sum(left**2, axis=1), 0.9)
     coefficients = np.linalg.lstsq(terms, statistics, rcond=None)[0]
-    rest = (statistics - terms @ coefficients) / (1 - leverage)[:, None]
-    return rest, observed - (terms_of(own_estimate[None]) @ coefficients)[0]
+    # division by 1 - leverage gives the residual of the fit without the simulation itself
+    residuals = (statistics - terms @ coefficients) / (1 - leverage)[:, None]
+    return residuals, observed - (terms_of(own_estimate[None]) @ coefficients)[0]
 
 
 def measure_distances(simulated: Array, observed: Array) -> Array:
-    """Return distances (2, N + 1) of simulated residuals (N, D), and last of the observed one.
+    """Return distances (2, N + 1) of N simulated residuals (N, D) and, last, of the observed (D,).
 
-    The two distances are the Mahalanobis distance and the largest deviation.
+    They are the squared Mahalanobis distance, and the largest deviation in standard deviations.
+    Mean and covariance for a simulation are those of the other `PARTS` - 1 parts; the observed
+    distances are averages over the parts.
     """
     count = len(simulated)
     part = np.arange(count) % PARTS
@@ -177,7 +186,7 @@ def measure_distances(simulated: Array, observed: Array) -> Array:
 
 
 def tail_probabilities(distances: Array) -> Array:
-    """Return, for each of (N,) distances, the share of all that are at least as large."""
+    """Return the share of ``distances`` (N,) that are at least as large, for each of them, (N,)."""
     ordered = np.sort(distances)
     below = np.searchsorted(ordered, distances, side="left")
     return np.asarray((len(distances) - below) / len(distances))
@@ -191,7 +200,9 @@ def compare_statistics(
     replicates: Array | None = None,
     contradiction: Array | None = None,
 ) -> PredictiveCheck:
-    """Return how observed statistics (D,) lie among simulated ones (N, D).
+    """Return the check of observed statistics (D,) against simulated ones (N, D).
+
+    Its ``estimates`` are empty.
 
     Parameters
     ----------
@@ -202,20 +213,24 @@ def compare_statistics(
     observed : array, (D,)
         Measured statistics.
     estimates : tuple of arrays (N, P) and (P,), optional
-        Parameters fitted to the simulations and to the measurement. None: no parameter is fitted.
+        Parameters fitted to each simulation and to the measurement. None: no parameter is fitted.
     replicates : array, (R, D), optional
-        Simulations with draws of the posterior, from which quantiles and score are computed.
-        Default: all.
+        Statistics of simulations with draws of the posterior, for quantiles and score. None: all
+        simulations.
     contradiction : array, (N + 1,), optional
-        Difference between the estimates from single measurements, for each simulation and, last,
-        for the measurement.
+        Difference between the estimates from single measurements (`estimate_by_measurement`), a
+        third distance. None: one measurement.
 
+    Returns
+    -------
+    PredictiveCheck
+        The check.
     """
-    rest = simulated - np.mean(simulated, axis=0)
-    own_rest = observed - np.mean(simulated, axis=0)
+    residuals = simulated - np.mean(simulated, axis=0)
+    own_residuals = observed - np.mean(simulated, axis=0)
     if estimates is not None:
-        rest, own_rest = subtract_fit(estimates[0], simulated, estimates[1], observed)
-    distances = measure_distances(rest, own_rest)
+        residuals, own_residuals = subtract_fit(estimates[0], simulated, estimates[1], observed)
+    distances = measure_distances(residuals, own_residuals)
     differ = 1.0
     if contradiction is not None:
         distances = np.vstack([distances, contradiction])
@@ -229,7 +244,7 @@ def compare_statistics(
         tuple(statistics),
         observed,
         np.quantile(drawn, [0.05, 0.5, 0.95], axis=0),
-        own_rest / standardise(rest)[1],
+        own_residuals / standardise(residuals)[1],
         p_value,
         log_density(drawn, observed),
         len(simulated),
@@ -239,9 +254,9 @@ def compare_statistics(
 
 
 def shrunk_correlation(z: Array) -> Array:
-    """Return the correlation (D, D) of standardised replicates (R, D).
+    """Return the correlation (D, D) of standardised statistics (N, D), shrunk towards 0.
 
-    It is shrunk towards independence.
+    Entries off the diagonal are multiplied by 1 - `SHRINKAGE`.
     """
     shrunk = (1 - SHRINKAGE) * np.atleast_2d(z.T @ z / len(z))
     np.fill_diagonal(shrunk, 1.0)
@@ -249,9 +264,10 @@ def shrunk_correlation(z: Array) -> Array:
 
 
 def log_density(simulated: Array, observed: Array) -> float:
-    """Return the logarithm of the Gaussian density at the observed statistics (D,).
+    """Return the logarithm of a Gaussian density at the ``observed`` statistics (D,).
 
-    Mean and covariance are those of the replicates ``simulated`` (R, D).
+    Its mean is that of the statistics ``simulated`` (R, D), its covariance theirs with the
+    correlation of `shrunk_correlation`.
     """
     mean, deviation = standardise(simulated)
     correlation = shrunk_correlation((simulated - mean) / deviation)
@@ -269,13 +285,27 @@ def estimate_by_measurement(
     observed: Array,
     centre: Array,
 ) -> tuple[tuple[MeasurementEstimate, ...], Array | None]:
-    """Return each measurement's own estimate of the parameters, and their difference.
+    """Return the parameters estimated from each measurement alone, and the estimates' difference.
 
-    The difference is (N + 1,), or None for one measurement.
+    The difference (N + 1,) is the squared Mahalanobis distance of the vector that consists of the
+    estimates from each measurement less those from the last measurement: for N simulations and,
+    last, for the real measurements. With one measurement there are no estimates, and the difference
+    is None.
 
-    The difference is the Mahalanobis distance of the estimates of all measurements but the last
-    from those of the last, over simulations (N, D) at shares (N, P) of the priors, and last of the
-    observed statistics (D,).
+    Parameters
+    ----------
+    statistics : sequence of Statistic
+        Names of the statistics, (D,).
+    used : array of bool, (D,)
+        Statistics from which parameters are estimated.
+    shares : array, (N, P)
+        Parameters of the simulations as shares of their priors.
+    simulated : array, (N, D)
+        Statistics of the simulations.
+    observed : array, (D,)
+        Measured statistics.
+    centre : array, (P,)
+        Shares near which the estimates are most accurate, see `fit_score_statistics`.
     """
     names = list(dict.fromkeys(one.measurement for one in statistics))
     if len(names) < 2:
@@ -306,9 +336,11 @@ def check_posterior(
     replicates: int = REPLICATES,
     progress: Progress | None = None,
 ) -> PredictiveCheck:
-    """Return the posterior predictive check; raises KeyboardInterrupt if it is stopped.
+    """Return the posterior predictive check of an inference.
 
-    Simulations of the inference near the posterior are used in addition to ``replicates`` new ones.
+    ``replicates`` is the number of new simulations with draws of the posterior; in addition, those
+    simulations of the inference that are near the posterior are used. Results depend on ``seed``.
+    Raises KeyboardInterrupt if the simulations are interrupted.
     """
     generator = np.random.default_rng([seed, 4])
     rows = generator.choice(len(inference.shares), replicates, replace=False)

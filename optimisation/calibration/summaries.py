@@ -1,11 +1,11 @@
 """Summary statistics of a measured or simulated response that are robust to chaos.
 
-They are logarithms of levels in bins and bands.
+Most of them are logarithms of levels in bins of time and in bands of frequency.
 
-Two runs that differ by a millionth in their start are different functions of time after some
+Two runs whose initial states differ by a millionth are different functions of time after some
 impacts, so that time series cannot be fitted. Their levels in bins of a tenth of a sweep differ by
-a few percent only. All statistics are logarithms: a wrong scale of a sensor is an offset, and noise
-of a share of the level is the same at every level.
+a few percent only. Because of the logarithms a wrong scale of a sensor is a constant offset, and
+noise in proportion to the level has the same variance at every level.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,10 +27,10 @@ Array = NDArray[np.float64]
 MOST_BINS = 12  # of a record
 LEAST_BINS = 3
 BIN_PERIODS = 20.0  # of the resonance, in a bin or more
-USABLE_SHARE = 1 / 2.56  # of the sampling rate: frequencies above are in the filter's slope
-LOWEST_SHARE = 0.2  # of the first natural frequency: what is below is drift
-FLOOR = 1e-6  # of a record's root mean square: levels below it are zero
-PULSE_LEVELS = 4.0  # medians of the absolute value that a pulse rises above
+USABLE_SHARE = 1 / 2.56  # of the sampling rate: the anti-aliasing filter damps frequencies above
+LOWEST_SHARE = 0.2  # of the first natural frequency: lower frequencies are drift of the sensor
+FLOOR = 1e-6  # of a record's root mean square: added to levels, so that their logarithm is finite
+PULSE_LEVELS = 4.0  # threshold of a pulse over the median of the absolute value
 RESONANT = "resonant RMS"
 HIGHER = "RMS above the resonance"
 PEAK = "largest value"
@@ -41,9 +41,10 @@ LEVEL = "response level"
 
 @dataclass(frozen=True)
 class Statistic:
-    """A summary statistic: the logarithm of a quantity of a ``group``.
+    """Name of a summary statistic, the natural logarithm of a quantity of a ``measurement``.
 
-    ``at``: its frequency in Hz (NaN: none) or its force in N.
+    ``group`` is the quantity, such as `RESONANT`, and ``unit`` its unit. ``at`` is the value in
+    ``at_unit`` at which it was measured: a frequency in Hz, or a force in N; NaN: none.
     """
 
     measurement: str
@@ -54,14 +55,14 @@ class Statistic:
 
     @property
     def words(self) -> str:
-        """The statistic in words."""
+        """The statistic as a text: quantity, value at which it was measured, and measurement."""
         place = "" if np.isnan(self.at) else f" at {self.at:.4g} {self.at_unit}"
         return f"{self.group}{place}, {self.measurement}"
 
 
 @dataclass(frozen=True, eq=False)
 class RecordSummary:
-    """Computation of the summary statistics of a record.
+    """Settings for the summary statistics of a record of K samples, divided into B bins of time.
 
     Attributes
     ----------
@@ -70,15 +71,15 @@ class RecordSummary:
     edges : array of int, (B + 1,)
         Samples at which the bins begin and end.
     bin_hz : array, (B,)
-        Frequency of each bin in Hz.
-    resonant, higher : array of bool
-        Lines of the spectrum near the resonance, and above it.
-    bands : tuple of (float, array of bool)
-        Frequency of each mode in Hz and its lines of the spectrum.
+        Frequency of the load in each bin in Hz.
+    resonant, higher : array of bool, (L,)
+        Lines of the spectrum below and above the geometric mean of the resonance and the next mode.
+    bands : tuple of (float, array of bool (L,))
+        Frequency in Hz of each mode, and the lines of the spectrum nearest to it.
     period : float
         Pseudo period in s.
     statistics : tuple of Statistic
-        Names of the statistics.
+        Names of the statistics, (D,).
     """
 
     measurement: RecordMeasurement
@@ -91,7 +92,13 @@ class RecordSummary:
     statistics: tuple[Statistic, ...] = field(default=())
 
     def compute(self, response: Array) -> Array:
-        """Return the statistics (D,) of a response (K,)."""
+        """Return the statistics (D,) of a response (K,) in the unit of the sensor.
+
+        They are natural logarithms. For each bin they are those of the RMS near the resonance, the
+        largest absolute value, the RMS above the resonance, and, for accelerations, 1 + the number
+        of pulses in a pseudo period; then follows the RMS in the band of each mode. RMS and pulses
+        above the resonance are left out if the record has no such frequencies.
+        """
         size = len(response)
         padded = scipy.fft.next_fast_len(size, real=True)  # a prime length takes ten times as long
         spectrum = scipy.fft.rfft(response - np.mean(response), padded)
@@ -116,11 +123,12 @@ class RecordSummary:
         return np.log(np.concatenate([*columns, levels]))
 
     def _by_bin(self, function: Callable[[Array], float], values: Array) -> Array:
+        """Return a function of the values in each bin, (B,)."""
         return np.array([function(values[a:b]) for a, b in pairwise(self.edges)])
 
 
 def root_mean_square(values: Array) -> float:
-    """Return the root mean square of a signal about zero."""
+    """Return the root mean square of a signal, without subtraction of its mean."""
     return float(np.sqrt(np.mean(values**2)))
 
 
@@ -130,7 +138,7 @@ def largest_absolute(values: Array) -> float:
 
 
 def _count_pulses(values: Array) -> float:
-    """Return how often the absolute value rises above `PULSE_LEVELS` times its median."""
+    """Return how many times the absolute value rises above `PULSE_LEVELS` times its median."""
     size = np.abs(values)
     above = size > PULSE_LEVELS * np.median(size)
     return float(np.sum(above[1:] & ~above[:-1]))
@@ -139,9 +147,10 @@ def _count_pulses(values: Array) -> float:
 def plan_record_summary(
     measurement: RecordMeasurement, model: ModalModel, resonance: int
 ) -> RecordSummary:
-    """Return how the statistics of a record are computed.
+    """Return the settings for the statistics of a record: its bins and bands.
 
-    This depends on the structure and on the resonance near which it vibrates.
+    They depend on the frequencies of the structure and on the ``resonance``, counted from 1, near
+    which it vibrates.
     """
     size = len(measurement.response)
     rate = measurement.rate
@@ -176,6 +185,7 @@ def plan_record_summary(
 
 
 def _name_statistics(summary: RecordSummary) -> tuple[Statistic, ...]:
+    """Return the names of the statistics, in the order of `RecordSummary.compute`."""
     measurement = summary.measurement
     unit = RESPONSE_UNITS[measurement.sensor.quantity]
     groups = [(RESONANT, unit), (PEAK, unit)]
@@ -194,13 +204,13 @@ def _name_statistics(summary: RecordSummary) -> tuple[Statistic, ...]:
 
 
 def summarise_levels(levels: Array) -> Array:
-    """Return the statistics (F,) of levels (F, R).
+    """Return the statistics (F,) of levels (F, R) in m, measured R times at F forces.
 
-    They are the means over the repeats of the logarithms of the levels.
+    They are the mean natural logarithms over the R repeats.
     """
     return np.asarray(np.mean(np.log(levels), axis=1))
 
 
 def list_groups(statistics: Sequence[Statistic]) -> tuple[tuple[str, str], ...]:
-    """Return measurement and group of each kind of statistic, once, in their order."""
+    """Return all pairs (measurement, group) of the statistics, each once, in their order."""
     return tuple(dict.fromkeys((one.measurement, one.group) for one in statistics))

@@ -1,4 +1,4 @@
-"""Shared parts of the commands: one-line errors, exit codes, and checks of output files."""
+"""Shared parts of the commands: options, one-line errors, exit codes, and output files."""
 
 from __future__ import annotations
 
@@ -61,7 +61,8 @@ class BadInput(click.ClickException):
 def check_target(option: str, target: Path | None, suffixes: tuple[str, ...] = ()) -> None:
     """Raise BadInput, before any run, if a file cannot be written or has a wrong suffix.
 
-    ``suffixes``: the suffixes that are allowed.
+    ``suffixes``: allowed suffixes, with their dots; empty: any. For ``target`` None, or
+    standard output, nothing is checked.
     """
     if target is None or target is STANDARD_OUTPUT:
         return
@@ -81,7 +82,10 @@ def check_target(option: str, target: Path | None, suffixes: tuple[str, ...] = (
 
 
 def numbers(option: str, text: str, kind: type) -> tuple[Any, ...]:
-    """Return comma-separated numbers; raises ParameterError that names the option."""
+    """Return the comma-separated numbers in ``text``, each converted by ``kind`` (int or float).
+
+    Raises ParameterError, whose message names the ``option``, for any other text.
+    """
     try:
         return tuple(kind(part) for part in text.split(","))
     except ValueError as error:
@@ -91,7 +95,11 @@ def numbers(option: str, text: str, kind: type) -> tuple[Any, ...]:
 
 
 def page_spec(marker: str, page: str) -> OptionSpec:
-    """Return --page, for a table between two comments that hold the ``marker``, as in ``page``."""
+    """Return the option --page, which names a page to write a table into.
+
+    The table replaces the text between the comments <!-- marker --> and <!-- /marker -->. The help
+    names ``page`` as an example.
+    """
     words = (
         f"Write the table into this page, between <!-- {marker} --> and <!-- /{marker} -->, as in "
         f"{page}"
@@ -103,9 +111,9 @@ page_option = page_spec
 
 
 def check_page(page: Path | None, marker: str) -> None:
-    """Check, before any run, that the table of `page_option` can be written.
+    """Check, before any run, that a table can be written into the page of --page.
 
-    Raises BadInput or ParameterError if not.
+    Raises BadInput if the file cannot be written, and ParameterError if the markers are missing.
     """
     check_target("--page", page)
     if page is not None:
@@ -113,9 +121,10 @@ def check_page(page: Path | None, marker: str) -> None:
 
 
 def fill_page(page: Path | None, marker: str, table: str) -> list[Path]:
-    """Write a table, with its versions and machine, into the page of `page_option`.
+    """Write a table into the page of --page, between its markers.
 
-    Returns the page, or an empty list without one.
+    Versions and machine are written below the table. Returns a list of the page; it is empty if
+    ``page`` is None.
     """
     if page is None:
         return []
@@ -129,14 +138,14 @@ def stack_options(options: Sequence[Callable[[Command], Command]]) -> Callable[[
 
 
 def file_option(name: str, words: str) -> OptionSpec:
-    """Return an option that names a file."""
+    """Return an option ``name`` that takes the name of a file; ``words``: its help."""
     return file_spec(name, words.removesuffix("."))
 
 
 def out_option(
     folder: str, words: str = "Folder for figure and tables."
 ) -> Callable[[Command], Command]:
-    """Add --out, a folder for what is written."""
+    """Return a decorator that adds --out, a folder for output files; default: ``folder``."""
     return click.option(
         "--out",
         type=click.Path(path_type=Path),
@@ -147,9 +156,10 @@ def out_option(
 
 
 def check_targets(options: dict[str, Any], *suffixes: str) -> None:
-    """Check --json, --csv and --plot, as far as a command has them.
+    """Raise BadInput if a file of --json, --csv or --plot cannot be written.
 
-    ``suffixes``: those allowed for --json, by default .json.
+    ``options``: the files by the names of their options, without dashes; missing ones are not
+    checked. ``suffixes``: allowed suffixes for --json. Default: .json.
     """
     allowed = {"json": suffixes or (".json",), "csv": (".csv",), "plot": FIGURES}
     for name, endings in allowed.items():
@@ -158,7 +168,15 @@ def check_targets(options: dict[str, Any], *suffixes: str) -> None:
 
 @dataclass(frozen=True)
 class AnswerFiles:
-    """Where an answer is written: its folder, and files that options name; None: not given."""
+    """Folder and files to which an answer is written.
+
+    Attributes
+    ----------
+    out : Path
+        Folder of --out.
+    json, device, history : Path or None
+        Files of the options with these names; None: not written.
+    """
 
     out: Path
     json: Path | None = None
@@ -176,7 +194,7 @@ class AnswerFiles:
         check_target("--history", self.history, HISTORY_FORMATS)
 
     def write(self, answer: CompleteAnswer) -> list[Path]:
-        """Print an answer, write its files, and return them."""
+        """Print an answer, write its files, and return their paths."""
         click.echo(str(answer))
         files = answer.save(self.out) + write_files({self.json: answer.to_json()})
         if self.history is not None and (run := answer.worst_run()) is not None:
@@ -189,9 +207,10 @@ class AnswerFiles:
 
 
 def write_report(report: Report, options: Any) -> None:
-    """Print a report, and write its numbers, table and figure to the files of the options.
+    """Print a report, and write its numbers, table and figure.
 
-    The files are those of --json, --csv and --plot, as far as the command has these options.
+    ``options`` has the attributes ``json``, ``csv`` and ``plot`` of the options with these names;
+    for a missing attribute, or None, nothing is written.
     """
     if report.text:
         click.echo(render_text(report))
@@ -207,7 +226,7 @@ resume_option = TABLE["resume"]
 
 
 def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
-    """Add --json to a command.
+    """Return a decorator that adds --json to a command; ``name``: the command's argument.
 
     With - standard output receives the JSON alone, and all other output goes to standard error.
     """
@@ -226,7 +245,7 @@ def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
 
 @contextmanager
 def json_on_standard_output(target: Path | None) -> Iterator[Path | None]:
-    """Yield the file of --json.
+    """Yield the file of --json, `STANDARD_OUTPUT` for -, None without the option.
 
     For - all printed text goes to standard error, and standard output receives the JSON alone.
     """
@@ -238,10 +257,10 @@ def json_on_standard_output(target: Path | None) -> Iterator[Path | None]:
 
 
 class TableCommand(click.Command):
-    """A command whose --help has the usual options and --help-all every one.
+    """A command whose --help lists the usual options, and --help-all all options.
 
-    It takes an option by its name of the version before, with a warning, and one that is given
-    twice not at all.
+    The name that an option had in the previous version is accepted with a warning. An option that
+    takes one value and is given twice is an error.
     """
 
     def __init__(
@@ -268,13 +287,14 @@ class TableCommand(click.Command):
 
     @staticmethod
     def is_extra(parameter: click.Parameter) -> bool:
-        """Return whether --help leaves an option out."""
+        """Return whether an option is listed by --help-all only."""
         return isinstance(parameter, TableOption) and not parameter.spec.usual
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse arguments in which old names of options are replaced by present ones.
+        """Replace old names of options, and parse the arguments.
 
-        Raises UsageError if an option that takes one value is given twice.
+        Returns the arguments left over, as `click.Command.parse_args`. Raises UsageError if an
+        option that takes one value is given twice.
         """
         args = rename_older(args, self.params)
         if self.rewrite is not None:
@@ -304,12 +324,15 @@ class TableCommand(click.Command):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; whatever it does not handle itself ends as `plain_errors` says."""
+        """Run the command; errors that it does not handle end as in `plain_errors`."""
         with plain_errors():
             return super().invoke(ctx)
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the first two paragraphs of the docstring, or all of it, and the examples."""
+        """Write the docstring and the examples.
+
+        --help of a command that has --help-all writes the first two paragraphs only.
+        """
         text = inspect.cleandoc(self.help or "")
         if not ctx.meta.get(HELP_ALL) and any(map(self.is_extra, self.params)):
             text = "\n\n".join(text.split("\n\n")[:2])
@@ -323,7 +346,7 @@ class TableCommand(click.Command):
                     formatter.write(f"{'':>{formatter.current_indent}}{program} {example}\n")
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the usual options in one list, or all options under their sections' headings."""
+        """Write the usual options in one list; for --help-all all options in sections."""
         everything = bool(ctx.meta.get(HELP_ALL))
         listed: dict[str, list[tuple[str, str]]] = {}
         options = [one for one in self.get_params(ctx) if isinstance(one, click.Option)]
@@ -344,7 +367,7 @@ class TableCommand(click.Command):
             formatter.write_dl(records, col_max=HELP_COLUMN)
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the end of the help where every option is listed."""
+        """Write the text at the end of the help, for --help-all only."""
         if ctx.meta.get(HELP_ALL):
             super().format_epilog(ctx, formatter)
 
@@ -353,7 +376,7 @@ HELP_COLUMN = 26  # widest name of an option with its help on the same line
 
 
 def show_all_options(ctx: click.Context, _: click.Parameter, value: bool) -> None:
-    """Print the help with every option and end."""
+    """Print the help with all options and exit; callback of --help-all."""
     if not value or ctx.resilient_parsing:
         return
     ctx.meta[HELP_ALL] = True
@@ -362,9 +385,10 @@ def show_all_options(ctx: click.Context, _: click.Parameter, value: bool) -> Non
 
 
 def parse_uncertain(values: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[str, ...]]:
-    """Return the values of --uncertain in the form of Python's ``uncertain=``.
+    """Return the values of --uncertain as a dict, as `Problem.uncertain` has it.
 
-    Raises BadInput for a name that is given twice.
+    Each value is a pair of a quantity's name, or a posterior's file, and the words after it. Keys
+    are the names, "posterior" for a file. Raises BadInput for a name that is given twice.
     """
     distributions: dict[str, tuple[str, ...]] = {}
     for word, own_words in values:
@@ -383,7 +407,7 @@ def parse_uncertain(values: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, 
 def parse_posterior(values: Iterable[tuple[str, tuple[str, ...]]]) -> Posterior | None:
     """Return the posterior of --uncertain FILE, or None without that option.
 
-    Raises BadInput for any other value, and for two files.
+    Raises BadInput if --uncertain has a quantity instead of a file, or two files.
     """
     table = parse_uncertain(values)
     file = table.pop("posterior", None)
@@ -402,20 +426,20 @@ def command(
     epilog: str | None = None,
     rewrite: Callable[[list[str]], list[str]] | None = None,
 ) -> Callable[[Command], TableCommand]:
-    """Return a decorator that makes a command.
+    """Return a decorator that makes a function a command.
 
     Parameters
     ----------
     group : type, optional
-        Frozen dataclass with the options, see `optimisation.cli.options`; the function takes one of
-        these. Without it the options are declared by decorators, and the function takes them as
-        keyword arguments.
+        Frozen dataclass with the options, see `optimisation.cli.options`; the function takes an
+        instance of it. Without it the options are declared by decorators, and the function takes
+        them as keyword arguments; ``epilog`` and ``rewrite`` then have no effect.
     examples : sequence of str
         Lines of the help, from the command's name on.
     epilog : str, optional
         Text at the end of the help.
     rewrite : callable, optional
-        Puts forms of today in the place of older ones, in the arguments of the command line.
+        Function that replaces outdated forms in the list of command-line arguments.
     """
 
     def make(function: Command) -> TableCommand:
@@ -449,9 +473,9 @@ def command(
 
 @contextmanager
 def stop_on_interrupt(complete: list[bool]) -> Iterator[None]:
-    """Let Ctrl-C end a computation, and continue with the finished results.
+    """End the body of this context at Ctrl-C, set ``complete[0]`` to False, and continue after it.
 
-    ``complete[0]`` is then set to False.
+    The caller then goes on with the results that are finished.
     """
     try:
         yield
@@ -463,8 +487,8 @@ def stop_on_interrupt(complete: list[bool]) -> Iterator[None]:
 def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
     """Turn errors and Ctrl-C into one line and an exit code.
 
-    The errors are a bad value, a missing extra, a run that breaks down, and a file that cannot be
-    written.
+    Exit code 2: a value that is not allowed. 1: a missing extra, a run that breaks down, or a file
+    that cannot be read or written. 130: Ctrl-C, with ``broken_off`` as its line.
     """
     try:
         yield
@@ -472,13 +496,13 @@ def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
         raise BadInput(str(error)) from error
     except (IntegrationError, MissingExtraError) as error:
         raise click.ClickException(str(error)) from error
-    except BrokenPipeError:  # who reads the output has gone, which click knows how to end
+    except BrokenPipeError:  # the reader of the output has ended; click handles it
         raise
     except OSError as error:
         raise click.ClickException(
             f"{error.filename or 'a file'}: {error.strerror or error}"
         ) from error
-    except KeyboardInterrupt:  # where a script does not keep what is finished, or keeps it already
+    except KeyboardInterrupt:  # `stop_on_interrupt` is not in use, so nothing is left to save
         click.echo(broken_off, err=True)
         sys.exit(INTERRUPTED)
 
@@ -494,7 +518,10 @@ def name_files(files: Sequence[Path]) -> None:
 
 
 def end_without(winner: bool) -> None:
-    """Exit with 1 if a search came to its end and found nothing that keeps all constraints."""
+    """Exit with code 1 and a message if a search has no ``winner``.
+
+    ``winner``: whether a design keeps all constraints.
+    """
     if not winner:
         click.echo(
             "No winner: no design kept all constraints; loosen them, or search longer.", err=True
@@ -503,7 +530,7 @@ def end_without(winner: bool) -> None:
 
 
 def end_early(complete: bool, what_remains: str = "the files hold what was finished.") -> None:
-    """Exit with the code of Ctrl-C if a run did not come to its end."""
+    """Exit with code 130, as after Ctrl-C, and a message unless a run is ``complete``."""
     if not complete:
         click.echo(f"Stopped early: {what_remains}", err=True)
         sys.exit(INTERRUPTED)

@@ -1,6 +1,6 @@
-"""Recommended parameters of the page's absorber at the marked load.
+"""Recommended parameters of an absorber at the load that is marked on the explorer's page.
 
-They follow from a search with quick sweeps or from a closed form.
+They come from a search with short ensembles of sweeps, or from a closed form.
 """
 
 import math
@@ -27,27 +27,28 @@ from optimisation.measures import LABELS
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import smallest_amplitude
 
-MEMBERS = 1  # as `design gap --quick`
-# between the gaps of a search for two absorbers, and the change of load that the answer must bear
+MEMBERS = 1  # ensemble members of a level, as in `design gap --quick`
+# ratio of neighbouring gaps in a search for two absorbers; also the change of load for which the
+# level of the recommended gaps must remain low
 GAP_STEP = 1.15
-GAP_STEPS = range(-2, 10)  # from 0.76 to 3.5 of the rule's gap
-SAME_RATIO_TOL = 0.1  # of 1, within which two absorbers have the same amplitude
+GAP_STEPS = range(-2, 10)  # exponents of GAP_STEP: 0.76 to 3.5 times the gap of the design rule
+SAME_RATIO_TOL = 0.1  # two modal amplitudes whose ratio differs by less from 1 count as equal
 
 Report = Callable[[int, int], None]
 _TUNED: dict[tuple[object, ...], TunedAbsorber] = {}
 
 
 class Recommendation(NamedTuple):
-    """New values in SI units by the controls' names, and the reason in words."""
+    """New values in SI units, by the names of the page's controls, and their reason as a text."""
 
     values: dict[str, float]
     why: str
 
 
 def tune_absorber(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsorber:
-    """Return the linear absorber with the smallest amplitude over the sweep's range.
+    """Return the tuned absorber with the smallest largest amplitude over the sweep's range.
 
-    The result is cached, because the solution takes seconds.
+    The result is cached, because the optimisation takes seconds.
     """
     shapes = (
         model.omega,
@@ -66,10 +67,12 @@ def tune_absorber(model: ModalModel, mass_ratio: float, resonance: int) -> Tuned
 def recommend_values(
     values: ControlValues, structure: Structure, model: ModalModel, stop: Stop, report: Report
 ) -> Recommendation:
-    """Return the recommended values of an absorber at the marked load.
+    """Return the recommended values for the page's absorber concept at the marked load.
 
-    ``structure`` is the page's and ``model`` has the first absorber's place; ``report`` is called
-    with the finished and all runs. Raises `Newer` after a ``stop``.
+    ``values`` are those of the page's controls, and ``structure`` is its structure; ``model`` are
+    the structure's modes with their shapes at the place of the first absorber. ``report`` is called
+    with the numbers of finished and of all runs. Raises `Newer` after a ``stop`` or if no gap is
+    found, and ParameterError for a friction damper under a random load.
     """
     mass = values["mass_ratio"] * model.beam_mass
     loading = Loading(values.load, model, values.resonance)
@@ -91,8 +94,9 @@ def recommend_values(
         )
 
     def watch(done: int, total: int) -> None:
+        """Report progress, or end the search after a stop."""
         if stop.given:
-            raise KeyboardInterrupt  # the sweeps end early, with the runs that are finished
+            raise KeyboardInterrupt  # search_gap then returns the result of the finished runs
         report(done, total)
 
     if values.load != "force":
@@ -114,7 +118,11 @@ def recommend_values(
 
 
 def search_gap_for_load(values: ControlValues, loading: Loading, watch: Report) -> Recommendation:
-    """Return the gap with the lowest measure under a load, with the friction as it is."""
+    """Return the robust optimum of the gap under a load, with the present friction limit.
+
+    ``watch`` is called with the numbers of finished and of all runs. Raises `Newer` if the search
+    was stopped or found no gap.
+    """
     limits = find_sweep_range(loading.model, values["mass_ratio"], loading.resonance)
     case = CurveCase(Scene(loading.model), np.ones(1), loading.resonance, limits)
     loads = loading.act(values.intensity, case.schedules()[0])
@@ -134,13 +142,14 @@ def search_gap_for_load(values: ControlValues, loading: Loading, watch: Report) 
 def search_two_gaps(
     values: ControlValues, structure: Structure, rule: float, stop: Stop, report: Report
 ) -> Recommendation:
-    """Return the gaps of two absorbers with the lowest robust level.
+    """Return the gaps of two absorbers with the lowest worst level within a factor of the load.
 
-    That is the lowest level that remains low if the load changes by `GAP_STEP`.
-
-    The gaps are multiples of the ``rule`` in m, the second one's equal to the first one's, or in
-    proportion to the mode's amplitude at its place. By the scaling law a neighbouring gap has,
-    relative to the load, the level of a load changed by a step.
+    The load is divided or multiplied by up to `GAP_STEP`. By the scaling law, the level at such a
+    load follows from that of a neighbouring gap at the marked load. The first gap is ``rule`` (m)
+    times powers of `GAP_STEP`. The second gap is equal to it or, in a second series, in proportion
+    to the mode's amplitudes at the two places. If no gap has a finite level, the present gaps are
+    returned. ``report`` is called with the numbers of finished and of all pairs. Raises `Newer`
+    after a ``stop``.
     """
     ratios = [1.0]
     mode = values.resonance - 1
@@ -169,9 +178,10 @@ def search_two_gaps(
 
 
 def find_level(values: ControlValues, structure: Structure, stop: Stop) -> float:
-    """Return the level in m at the marked load, of one member in both directions.
+    """Return the level in m at the marked load, of `MEMBERS` ensemble members.
 
-    It is infinite if a run fails. Raises `Newer` after a ``stop``.
+    A swept load passes the resonance in both directions. The level is infinite if a run fails.
+    Raises `Newer` after a ``stop``.
     """
     scene = scene_of(values, structure)
     loading = Loading(values.load, scene.model, values.resonance)

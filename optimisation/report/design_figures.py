@@ -1,6 +1,7 @@
 """Figures of comparisons and design studies.
 
-They show levels over the force and over gap and force, sensitivity, robustness and Pareto fronts.
+They show levels over the force and over gap and force, sensitivity to the design variables,
+robustness against detuning, and Pareto fronts. Levels have the units of their measure.
 """
 
 from __future__ import annotations
@@ -49,13 +50,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LEAST_LEVEL = 0.04  # of the gap: the smallest level in the figure
+LEAST_LEVEL = 0.04  # lower end of the level axis over the gap
 ORDINALS = {1: "First", 2: "Second", 3: "Third"}
 
 
 @dataclass(frozen=True)
 class LineStyle:
-    """Line style of a concept.
+    """Line style of a concept; ``width`` in points.
 
     The colours are those of Okabe and Ito, which colour-blind readers can distinguish. The dashes
     differ as well.
@@ -77,7 +78,7 @@ LINE_STYLES = {
 
 
 def draw_comparison(comparison: Comparison) -> Figure:
-    """Draw response levels over the force near both resonances, as in the paper's last figure."""
+    """Draw response levels over the force near each resonance, as in the paper's last figure."""
     figure, panels = figure_of(10, 6.4, 1, len(comparison.resonances), sharey=True)
     panels = np.atleast_1d(panels)
     top = 0.0
@@ -121,8 +122,9 @@ def draw_comparison(comparison: Comparison) -> Figure:
 
 
 def _draw(panel: Axes, part: ResonanceComparison) -> None:
+    """Draw the concepts' levels near a resonance, with the passive limit and the best force."""
     for key, line_style in LINE_STYLES.items():
-        # near another resonance than its own a tuned absorber is not swept widely
+        # without a wide sweep, the tuned absorber's other curve takes its place
         curve = part.curves.get(
             key, part.curves.get(LTVA_TUNED) if key == LTVA_TUNED_WIDE else None
         )
@@ -163,7 +165,7 @@ def _draw(panel: Axes, part: ResonanceComparison) -> None:
 
 
 def _draw_limit(panel: Axes, part: ResonanceComparison) -> None:
-    """Shade what no device of this mass and gap can reach."""
+    """Shade the levels below the passive limit for this mass and gap."""
     forces = np.geomspace(part.forces[0], part.forces[-1], 200)
     limit = np.maximum(MM * part.limit_at(forces), 1e-9)
     label = f"out of reach for the impact absorber: cavity of ±{MM * part.gap:.4g} mm"
@@ -171,6 +173,7 @@ def _draw_limit(panel: Axes, part: ResonanceComparison) -> None:
 
 
 def _mark_optimum(panel: Axes, part: ResonanceComparison) -> None:
+    """Mark the force at which the impact absorber's relative level is lowest, if known."""
     optimum = part.curves[IMPACT].optimum(part.curves[NONE])
     if optimum is None:
         return
@@ -200,6 +203,7 @@ DESIGN_STYLES = (
 
 
 def _title(condition: Condition) -> str:
+    """Return the title of a condition's panel: its resonance or its loads."""
     return (
         f"{ORDINALS.get(condition.resonance, condition.resonance)} resonance"
         if condition.loads is None
@@ -208,10 +212,12 @@ def _title(condition: Condition) -> str:
 
 
 def _axis(condition: Condition) -> str:
+    """Return the label of a condition's axis of amplitudes."""
     return "amplitude of the force in N" if condition.loads is None else "factor on the loads"
 
 
 def _lines(panel: Axes, x: Array, levels: Levels, scale: Array) -> None:
+    """Draw bands and medians of winner and paper's design over ``x``, times ``scale`` (X,)."""
     for d, (label, colour, style, width) in enumerate(DESIGN_STYLES[: len(levels.median)]):
         panel.fill_between(
             x, levels.low[d] * scale, levels.high[d] * scale, color=colour, alpha=0.2, lw=0
@@ -220,10 +226,10 @@ def _lines(panel: Axes, x: Array, levels: Levels, scale: Array) -> None:
 
 
 def draw_curves(findings: SearchResult) -> Figure:
-    """Draw the response level over the force.
+    """Draw the response level over the force, a panel for each condition of the search.
 
-    The curves are those of the winner, of the paper's design and without absorber, and the limit of
-    the winner's cavity.
+    The curves are the winner, the paper's design and the structure without absorber. Levels below
+    the winner's passive limit are shaded.
     """
     assert findings.curves is not None
     assert findings.verdict is not None
@@ -272,9 +278,10 @@ def draw_curves(findings: SearchResult) -> Figure:
 
 
 def draw_map(findings: SearchResult) -> Figure:
-    """Draw the relative level over gap and force.
+    """Draw the level relative to no absorber over gap and force, with the winner and the rule.
 
-    By the scaling law it is constant on straight lines of constant gap over force.
+    Thin lines have a constant ratio of gap to force. If friction is scaled as well, the relative
+    level is constant on them (the scaling law).
     """
     from matplotlib.colors import LogNorm
     from matplotlib.font_manager import FontProperties
@@ -348,6 +355,7 @@ def draw_map(findings: SearchResult) -> Figure:
 
 
 def _rule(findings: SearchResult, resonance: int, force: float) -> float | None:
+    """Return the design rule's gap in m for the winner's mass at a force in N, None without one."""
     winner = findings.verdict.winner.design if findings.verdict else None
     if winner is None:
         return None
@@ -359,9 +367,9 @@ def _rule(findings: SearchResult, resonance: int, force: float) -> float | None:
 
 
 def draw_robustness(findings: SearchResult) -> Figure:
-    """Draw the relative level over a detuning of the beam's frequencies.
+    """Draw the level relative to no absorber over a shift of the structure's frequencies.
 
-    The design was not chosen for this detuning.
+    The search for the design did not include this detuning.
     """
     assert findings.detuned is not None
     figure, panels = figure_with(len(findings.detuned))
@@ -387,7 +395,10 @@ def draw_robustness(findings: SearchResult) -> Figure:
 
 
 def draw_sensitivity(sensitivity: Sensitivity, of: str = "the winner") -> Figure:
-    """Draw Sobol indices with their 95 % intervals; ``of``: around what, in words."""
+    """Draw first-order and total Sobol indices of the design variables, with 95 % intervals.
+
+    ``of``: name of the design around which the variables were varied, for the title.
+    """
     at = np.arange(len(sensitivity.names))
     figure, panel = figure_of(max(6.4, 1.5 * len(at)), 4.2)
     for shift, colour, label, values, band in (
@@ -436,13 +447,14 @@ def draw_front(
     paper: Array,
     bound: Array | None = None,
 ) -> Figure:
-    """Draw a Pareto front.
+    """Draw a Pareto front of two objectives, with the axis ``labels``.
 
-    ``searched`` (N, 2): all designs. ``front`` and ``fresh`` (K, 2): those not dominated, with the
-    members of the search and with fresh members.
+    ``searched`` (N, 2): all N designs of the search. ``front`` (K, 2): the K designs that are not
+    dominated, in ascending order of the first objective. ``fresh`` (K, 2): the same designs with
+    ensemble members that the search has not used.
 
-    ``paper`` (2,) is the paper's design, ``bound`` (K, 2) the stationary limits of the cavities of
-    the designs on the front; NaN where there is none.
+    ``paper`` (2,): the paper's design. ``bound`` (K, 2): passive limits of the designs on the
+    front, NaN for a design without limit.
     """
     figure, (panel,) = figure_with(1, 5.6)
     figure.set_figwidth(7.6)

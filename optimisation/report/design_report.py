@@ -1,4 +1,8 @@
-"""The content of a search of designs. SI units, unless named."""
+"""The report of a search for a design: tables, figures, text and JSON values.
+
+Numbers are in SI units unless a name or a text has another unit. *Winner*, *paper* and *rule* are
+the three designs that are compared at the end of a search, see `Verdict`.
+"""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -69,14 +73,18 @@ RULE = "rule"
 
 
 def name_of(objective: Objective) -> str:
-    """Return an objective's column."""
+    """Return the name of an objective's column in a table."""
     return (
         objective.kind if objective.resonance is None else f"{objective.kind}_{objective.resonance}"
     )
 
 
 def design_table(problem: Problem, evaluated: Sequence[EvaluatedDesign]) -> Table:
-    """Return a table with a row for each design of a study, by number."""
+    """Return a table with a row for each design of a search, in the order of ``evaluated``.
+
+    The columns are its number, its free variables, its scores, the number of stages of successive
+    halving in which it was run (``rungs``), and whether it is feasible.
+    """
     free = [v.name for v in problem.space.free]
     rows = [
         [
@@ -106,10 +114,11 @@ LEVEL_COLUMNS = (
 
 
 def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[float] = ()) -> Table:
-    """Return a table with a row for each condition and design.
+    """Return a table with a row for each condition and design of each of the ``parts``.
 
-    The columns are `LEVEL_COLUMNS`. Under loads they have the measure of the loads and the factor
-    on them.
+    The columns are `LEVEL_COLUMNS`. Under loads, the factor on the loads replaces the force, and
+    the measure of the loads the level. ``names`` are the designs' names. If they are empty, the
+    designs are the winner with other ``gaps`` (m).
     """
     columns: tuple[str, ...] = LEVEL_COLUMNS
     rows = list[list[object]]()
@@ -140,9 +149,10 @@ def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[fl
 
 
 def constraint_words(problem: Problem, score: Score) -> str:
-    """Return a text that says which constraints a design breaks, and by how much.
+    """Return a text, with a comma in front, on how a design satisfies the constraints.
 
-    The text is empty without constraints.
+    It says that a run failed, which constraints are violated and by how much, or how far the value
+    next to its limit is from it. The text is empty without constraints.
     """
     if score.failed:
         return ", a run failed"
@@ -162,10 +172,10 @@ def constraint_words(problem: Problem, score: Score) -> str:
 
 
 def constraints(problem: Problem, score: Score) -> Json:
-    """Return the constraints of a design as JSON values.
+    """Return whether a design is feasible, and its constraints, as JSON values.
 
-    They say whether the design is feasible, and give each constraint's limit, value and the share
-    by which it is exceeded.
+    For each constraint they are its limit, the design's value and the share of the limit by which
+    the value exceeds it, negative if it does not.
     """
     pairs = zip(problem.constraints, score.violations, strict=True)
     rows = {
@@ -176,6 +186,7 @@ def constraints(problem: Problem, score: Score) -> Json:
 
 
 def _judged(judged: JudgedDesign, problem: Problem) -> Json:
+    """Return variables, score with bands, and constraints of a design as JSON values."""
     return constraints(problem, judged.score) | {
         "values": dict(judged.design.values),
         "score": numbers(judged.score.values),
@@ -185,11 +196,12 @@ def _judged(judged: JudgedDesign, problem: Problem) -> Json:
 
 
 def compared(verdict: Verdict) -> dict[str, JudgedDesign]:
-    """Return the designs that are compared, by name."""
+    """Return the designs that are compared, by name: winner, paper and rule."""
     return {WINNER: verdict.winner, PAPER: verdict.paper, RULE: verdict.rule}
 
 
 def _gain(gain: Gain) -> Json:
+    """Return a ratio with its bootstrap interval as JSON values."""
     return {
         "ratio": number(gain.ratio),
         f"{100 * COVERED:g}_percent": [number(gain.low), number(gain.high)],
@@ -197,6 +209,11 @@ def _gain(gain: Gain) -> Json:
 
 
 def _branches(branches: Branches | None, without: float) -> Json | None:
+    """Return the two branches of an ensemble's levels as JSON values; None: a single branch.
+
+    The levels are divided by ``without``, the level without absorber. The shares are those of the
+    ensemble members on either branch.
+    """
     return (
         None
         if branches is None
@@ -208,7 +225,10 @@ def _branches(branches: Branches | None, without: float) -> Json | None:
 
 
 def summary(findings: SearchResult) -> Json:
-    """Return a concept's result as JSON values."""
+    """Return the result of a search as JSON values, for summary.json.
+
+    Parts that the search has not reached are left out.
+    """
     problem = findings.problem
     verdict = findings.verdict
     audit = findings.audit
@@ -263,9 +283,11 @@ def summary(findings: SearchResult) -> Json:
 
 
 def condition_values(findings: SearchResult, k: int) -> Json:
-    """Return the levels of winner and paper's design under a condition as JSON values.
+    """Return the levels of winner and paper's design under condition ``k`` as JSON values.
 
-    Their limit and share are included. ``k``: index of the condition.
+    ``limit_m`` is the stationary limit: the passive limit of the design's gap. The share of the
+    possible reduction is (without - level)/(without - limit). It is None if the limit is not below
+    the level without absorber, or if the sweep is too fast (`LEAST_RATIO`).
     """
     own = findings.own
     verdict = findings.verdict
@@ -307,9 +329,9 @@ def condition_values(findings: SearchResult, k: int) -> Json:
 
 
 def _ratio(levels: Levels, d: int, k: int) -> float | None:
-    """Return the frequency over the resonance at which a design's level was read.
+    """Return the frequency, over the resonance, of the maximum of design ``d``'s level.
 
-    The level is that under a condition. The result is None under loads.
+    The level is that under condition ``k``. The result is None under loads, or if not recorded.
     """
     if levels.ratios is None or levels.conditions[k].loads is not None:
         return None
@@ -317,7 +339,10 @@ def _ratio(levels: Levels, d: int, k: int) -> float | None:
 
 
 def reading(problem: Problem, condition: Condition, ratio: float | None) -> str:
-    """Return where a level was read, in words that follow it after a comma; nothing under loads."""
+    """Return the frequency ratio at which a level was read, as a text with a comma in front.
+
+    The text is empty for None, that is under loads.
+    """
     if ratio is None:
         return ""
     return f", read at {reading_in_words(ratio, condition.limits, problem.rate)}"
@@ -330,7 +355,7 @@ END_WARNING = (
 
 
 def is_any_at_end(problem: Problem, judged: Sequence[JudgedDesign]) -> bool:
-    """Return whether a level of one of the designs was read at an end of its sweeps."""
+    """Return whether a level of any of the designs was read at an end of its sweep."""
     return any(
         is_at_end(float(ratio), condition.limits, problem.rate)
         for one in judged
@@ -340,7 +365,7 @@ def is_any_at_end(problem: Problem, judged: Sequence[JudgedDesign]) -> bool:
 
 
 def lines_of(findings: SearchResult) -> list[str]:
-    """Return what is printed of a concept's result."""
+    """Return the lines that a search prints about its result."""
     problem = findings.problem
     verdict = findings.verdict
     cost = findings.cost
@@ -393,9 +418,10 @@ def lines_of(findings: SearchResult) -> list[str]:
 
 
 def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
-    """Yield the variables of the winner, of the paper's design and of the design rule.
+    """Yield lines on winner, paper and rule.
 
-    Further lines give their values with fresh members, and the bounds at which the winner lies.
+    First come their variables, then their objectives for new ensemble members, the winner's ratio
+    to the other two, and the bounds of the variables at which the winner lies.
     """
     free = {v.name for v in problem.space.free}
     every = compared(verdict)
@@ -441,7 +467,7 @@ def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
 
 
 def _so_far(findings: SearchResult) -> str:
-    """Return the numbers of a search whose winner has not been judged."""
+    """Return a line on the best design so far of a search that has not been finished."""
     last = max((e.rungs for e in findings.evaluated), default=0)
     best = min(
         (e for e in findings.evaluated if e.score.feasible and e.rungs == last),
@@ -457,6 +483,7 @@ def _so_far(findings: SearchResult) -> str:
 
 
 def _condition_lines(findings: SearchResult) -> Iterator[str]:
+    """Yield lines on the levels of winner and paper's design, condition by condition."""
     assert findings.own is not None
     for k in range(len(findings.own.conditions)):
         row = condition_values(findings, k)
@@ -507,6 +534,7 @@ def _condition_lines(findings: SearchResult) -> Iterator[str]:
         yield f"  Warning: {END_WARNING}."
 
 
+# label, display unit and factor from the SI unit to it of each of the service loads
 WORDS = {
     IMPACT_SPEED: ("largest impact speed", "m/s", 1.0),
     IMPACT_RMS: ("RMS impact speed", "m/s", 1.0),
@@ -519,7 +547,7 @@ WORDS = {
 
 
 def _range_of(name: str) -> str:
-    """Return a tolerance in words."""
+    """Return the tolerance of the quantity ``name`` as a text, such as "-+10 %"."""
     kind, size = (BEAM_TOLERANCES | TOLERANCES)[
         name if name in BEAM_TOLERANCES else parts_of(name)[0]
     ]
@@ -531,7 +559,10 @@ def _range_of(name: str) -> str:
 
 
 def service_summary(service: Service) -> Json:
-    """Return the service of a design as JSON values, condition by condition, in SI units."""
+    """Return a design's service loads, and its levels with tolerances, as JSON values.
+
+    They are in SI units and listed by condition.
+    """
     rows = [
         {
             "resonance": condition.resonance,
@@ -557,9 +588,10 @@ def service_summary(service: Service) -> Json:
 
 
 def load_pairs(measures: dict[str, NDArray[np.float64]], c: int) -> Iterator[tuple[str, str]]:
-    """Yield the service loads of a design under a condition: name, and median with band.
+    """Yield the service loads of a design under condition ``c``.
 
-    ``measures`` are those of `Service.measures`. ``c``: index of the condition.
+    Each is a pair: a label, and the median with its band and unit as a text. ``measures`` are those
+    of `Service.measures`.
     """
     for name, values in measures.items():
         word, unit, scale = WORDS[name]
@@ -568,7 +600,10 @@ def load_pairs(measures: dict[str, NDArray[np.float64]], c: int) -> Iterator[tup
 
 
 def service_pairs(service: Service, c: int) -> Iterator[tuple[str, str]]:
-    """Yield the results under a condition, by its index: name, and value in words."""
+    """Yield a design's service loads and levels with tolerances under condition ``c``.
+
+    Each is a pair of texts: a label, and the value with its unit.
+    """
     yield from load_pairs(service.measures, c)
     low, high = service.forces[:, c]
     yield (
@@ -591,7 +626,7 @@ def service_pairs(service: Service, c: int) -> Iterator[tuple[str, str]]:
 
 
 def service_lines(service: Service) -> Iterator[str]:
-    """Yield the lines of a text, condition by condition."""
+    """Yield `service_pairs` as lines of text, condition by condition."""
     for c, condition in enumerate(service.conditions):
         yield f"  in service at resonance {condition.resonance}, {condition.force:g} N:"
         yield from (f"    {name} {value}" for name, value in service_pairs(service, c))
@@ -602,10 +637,10 @@ def make_report(
     frequency: Sequence[ResonanceCurves] = (),
     conditions: Mapping[str, object] | None = None,
 ) -> Report:
-    """Return the content of a search.
+    """Return the report of a search.
 
-    ``frequency``: levels over the frequency of the winner; ``conditions``: what else summary.json
-    has.
+    ``frequency``: levels of the winner over the frequency; ``conditions``: further values for
+    summary.json.
     """
     tables = {"designs.csv": design_table(result.problem, result.evaluated)}
     figures: dict[str, Draw] = {}
@@ -639,9 +674,9 @@ def make_report(
 
 
 def winner_line(result: SearchResult) -> str:
-    """Return a text with the winner's value, and its ratio to that of the paper's design.
+    """Return a text with the winner's first objective, and its ratio to that of the paper's design.
 
-    The text is empty before the winner is evaluated.
+    The text is empty before there is a winner.
     """
     verdict = result.verdict
     if verdict is None:
@@ -654,10 +689,10 @@ def winner_line(result: SearchResult) -> str:
 
 
 def card_groups(result: SearchResult) -> tuple[tuple[Group, ...], tuple[str, ...]]:
-    """Return the groups of the winner's card, and warnings.
+    """Return the groups of rows of the winner's card, and warnings.
 
-    They are the winner, its level under each condition with those of other designs, its service
-    loads, and assumptions.
+    The groups are the winner's variables, the objectives of the three designs, one group for each
+    condition (`_condition_rows`), and the assumptions.
     """
     problem = result.problem
     verdict = result.verdict
@@ -710,7 +745,10 @@ def card_groups(result: SearchResult) -> tuple[tuple[Group, ...], tuple[str, ...
 
 
 def study_assumptions(problem: Problem, more: str = "") -> tuple[Row, ...]:
-    """Return the rows about the runs behind a study's levels."""
+    """Return the rows on the assumptions of the runs: model, resonances and sweep rate.
+
+    ``more`` is a text that is appended to the row on the modes.
+    """
     resonances = () if problem.under_loads else tuple(c.resonance for c in problem.conditions)
     return assumed_rows(
         problem.model, resonances, None if problem.under_loads else problem.rate, more
@@ -718,7 +756,10 @@ def study_assumptions(problem: Problem, more: str = "") -> tuple[Row, ...]:
 
 
 def _condition_rows(result: SearchResult, k: int) -> tuple[Row, ...]:
-    """Return levels under a condition, and what the winner bears there."""
+    """Return the rows on condition ``k``: levels of designs and baselines, and service loads.
+
+    The designs are the winner and the paper's; the service loads are the winner's.
+    """
     assert result.own is not None
     values = condition_values(result, k)
     condition = result.own.conditions[k]
@@ -750,6 +791,10 @@ def _condition_rows(result: SearchResult, k: int) -> tuple[Row, ...]:
 
 
 def _over_force(part: Levels) -> Chart:
+    """Return the chart of the levels of winner and paper's design over the force.
+
+    Under loads the abscissa is the factor on the loads.
+    """
     forces = [condition.force for condition in part.conditions]
     own = part.conditions[0]
     name = own.measure_and_unit[0]

@@ -1,7 +1,7 @@
 """Reports on periodic orbits and their bifurcations.
 
-They have lists of orbits, folds and thresholds, branches over a parameter, and curves of
-bifurcations.
+The reports are lists of orbits, of folds, and of births and mergers of isolas, branches over a
+parameter, and curves of bifurcations over two parameters.
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ KIND_COLOURS = {
     GRAZING: "black",
     LOSS_OF_CONTACT: "#888888",
 }
-# what is marked along curves of bifurcations
+# marks of turning points and ends of curves of bifurcations
 TURNS = {kind: MARKS[kind] for kind in (FOLD, GRAZING, PULLING)}
-SAME_SPECIAL_TOL = 1e-6  # of frequency ratio and value: a special point that two curves share
+SAME_SPECIAL_TOL = 1e-6  # of frequency ratio and value, within which two special points are one
 LABEL_SHIFTS = ((6, 4), (6, -10), (-12, 4), (-12, -10))  # in points, in turn
 SPECIAL = (*CODIMENSION_TWO, GRAZING_FOLD, DOUBLE_GRAZING)  # marked with their names
 
@@ -102,8 +102,8 @@ def make_orbit_table_report(title: str, text: Sequence[Block], plain: list[Json]
 def make_orbit_report(searches: Sequence[OrbitSearch]) -> Report:
     """Return what `periodic orbits` prints and writes.
 
-    It has the orbits at each frequency, their basins, and the reasons why other solutions or runs
-    are not orbits.
+    The report has the orbits at each frequency, their basins, and the reasons why other candidates
+    (solutions of the conditions, or ends of runs) are no orbits.
     """
     orbits = [(group, orbit) for group in searches for orbit in group.orbits]
     refused = [orbit for group in searches for orbit in group.refused]
@@ -124,7 +124,7 @@ def make_orbit_report(searches: Sequence[OrbitSearch]) -> Report:
 
 
 def orbit_table(searches: Sequence[OrbitSearch]) -> Table:
-    """Return a line for each orbit."""
+    """Return a table with a row for each orbit."""
     rows = []
     for basins, orbit in ((group.basins, orbit) for group in searches for orbit in group.orbits):
         basin = ""
@@ -166,17 +166,15 @@ def orbit_table(searches: Sequence[OrbitSearch]) -> Table:
 
 
 def share_text(share: Share) -> str:
-    """Return the number of runs that ended on a motion, with the interval of their share.
-
-    The interval is in percent.
-    """
+    """Return the number of runs that ended on a motion, and the interval of their share in %."""
     return f"{share.ended} of {share.runs} ({100 * share.low:.0f}-{100 * share.high:.0f} %)"
 
 
 def basin_lines(searches: Sequence[OrbitSearch]) -> list[str]:
-    """Return a line for each frequency at which runs ended on no orbit with impacts.
+    """Return lines on runs from random initial states that did not end on an orbit with impacts.
 
-    The runs start from random initial states. A single frequency always has a line.
+    A line has the share of runs that ended without impacts, and of those not periodic, at a
+    frequency. Frequencies without such runs have no line if there are several frequencies.
     """
     lines = []
     for group in searches:
@@ -199,7 +197,7 @@ def basin_lines(searches: Sequence[OrbitSearch]) -> list[str]:
 
 
 def hybrid_table(orbits: Sequence[HybridOrbit]) -> Table:
-    """Return a line for each orbit of a scene with several absorbers or springs.
+    """Return a table with a row for each orbit of a scene with several absorbers or springs.
 
     Impacts are counted for each absorber.
     """
@@ -239,29 +237,30 @@ def hybrid_table(orbits: Sequence[HybridOrbit]) -> Table:
 
 
 def refusals(refused: list[NoOrbit], what: str) -> list[str]:
-    """Return lines with the number of candidates that are no orbit, and the reasons.
-
-    The most frequent reasons come first. The list is empty if there are none.
-    """
+    """Return the lines of `count_reasons` for candidates that are no orbits."""
     return count_reasons([orbit.reason for orbit in refused], what)
 
 
 def count_reasons(refused: list[str], what: str) -> list[str]:
-    """Return lines with the number of candidates that are no orbit, by reason.
+    """Return lines with the number of candidates that are no orbits, by reason.
 
-    The most frequent reasons come first. The list is empty if there are none.
+    ``refused``: the reason of each candidate; numbers in brackets are ignored. ``what``: subject
+    and verb of the first line. The eight most frequent reasons are listed; without candidates the
+    list is empty.
     """
     if not refused:
         return []
-    counts = Counter(
-        reason.split(" (")[0] for reason in refused
-    )  # what is in brackets are numbers, each time others
+    # numbers in brackets differ from candidate to candidate
+    counts = Counter(reason.split(" (")[0] for reason in refused)
     lines = [f"  {number} x {reason}" for reason, number in counts.most_common(8)]
     return [f"{len(refused)} {what} no orbit:", *lines, *(["  ..."] if len(counts) > 8 else [])]
 
 
 def make_fold_report(located: Sequence[Threshold]) -> Report:
-    """Return what `periodic folds` prints and writes: confirmed folds, and why others are none."""
+    """Return what `periodic folds` prints and writes.
+
+    The report has the folds with a confirmed orbit, and the reasons why others have no orbit.
+    """
     good = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
     rows = [
         (
@@ -291,7 +290,8 @@ def make_fold_report(located: Sequence[Threshold]) -> Report:
 def make_threshold_report(thresholds: Sequence[Threshold]) -> Report:
     """Return what `periodic folds --thresholds` prints and writes.
 
-    It has the confirmed births and mergers, and the reasons why other candidates are not confirmed.
+    The report has the births and mergers of isolas with a confirmed orbit, and the reasons why
+    others have no orbit.
     """
     good = [(level, level.orbit) for level in thresholds if isinstance(level.orbit, Orbit)]
     rows = [
@@ -341,7 +341,7 @@ def make_branch_report(
 
 
 def branch_table(curves: Sequence[ResponseCurve], name: str) -> Table:
-    """Return a line for each branch over a parameter."""
+    """Return a table with a row for each branch over the parameter ``name``."""
     rows = []
     for number, curve in enumerate(curves, 1):
         places = ", ".join(
@@ -364,9 +364,10 @@ def branch_table(curves: Sequence[ResponseCurve], name: str) -> Table:
 
 
 def rename_parameter(plain: Any, key: str) -> Any:
-    """Return a curve's plain form in which its parameter replaces the frequency.
+    """Return a curve's plain data with each key ``omega_ratio`` renamed to ``key``.
 
-    The parameter is under its own name. The orbits of the curve have both frequency and parameter.
+    A branch over another parameter stores the parameter's values under ``omega_ratio``. The entry
+    ``orbits`` is left as it is, since an orbit has its frequency and its parameter.
     """
     if isinstance(plain, list):
         return [rename_parameter(value, key) for value in plain]
@@ -383,7 +384,7 @@ def rename_parameter(plain: Any, key: str) -> Any:
 def make_curve_report(curves: Sequence[Json], title: str, parameter: CurveParameter) -> Report:
     """Return what `periodic curves` prints and writes.
 
-    ``curves`` are plain forms of `BifurcationCurve`. ``title`` is the title of the figure.
+    ``curves`` are the plain data of `BifurcationCurve`. ``title`` is the title of the figure.
     """
     text: list[Block] = [
         [curve_table(curves, parameter)],
@@ -406,7 +407,7 @@ def make_curve_report(curves: Sequence[Json], title: str, parameter: CurveParame
 
 
 def curve_table(curves: Sequence[Json], parameter: CurveParameter) -> Table:
-    """Return a line for each curve."""
+    """Return a table with a row for each curve of bifurcations."""
     rows = []
     for number, curve in enumerate(curves, 1):
         ratio = np.array(curve["omega_ratio"])
@@ -444,7 +445,10 @@ def curve_table(curves: Sequence[Json], parameter: CurveParameter) -> Table:
 
 
 def curve_lines(number: int, curve: Json, scale: float) -> list[str]:
-    """Return lines about how a curve ended, where it is supercritical, and its special points."""
+    """Return lines on a curve's end, the share of supercritical points, and its special points.
+
+    ``number``: number of the curve in the table; ``scale``: factor to the parameter's unit.
+    """
     lines = [f"Curve {number}: {curve['ended']}."]
     known = [word for word in curve["criticality"] if word is not None]
     if known:
@@ -464,7 +468,10 @@ def curve_lines(number: int, curve: Json, scale: float) -> list[str]:
 
 
 def draw_curves(curves: Sequence[Json], title: str, parameter: CurveParameter) -> Figure:
-    """Draw the plain forms of `BifurcationCurve`."""
+    """Draw curves of bifurcations (plain data of `BifurcationCurve`) over frequency and parameter.
+
+    Subcritical parts are dashed; parts without a confirmed orbit are dotted.
+    """
     figure, axes = figure_of(8.6, 6.0)
     scale = parameter.scale
     for curve in curves:
@@ -472,7 +479,7 @@ def draw_curves(curves: Sequence[Json], title: str, parameter: CurveParameter) -
         value = scale * np.array(curve["value"])
         colour = KIND_COLOURS[curve["kind"]]
         good = np.array([confirmed == "yes" for confirmed in curve["orbit"]])
-        # so that no gap is seen
+        # confirmed points and their neighbours, so that the line has no gaps
         next_to = good | np.append(good[1:], False) | np.append(False, good[:-1])
         sub = np.array([word == SUBCRITICAL for word in curve["criticality"]])
         solid = next_to & (~sub | np.append(~sub[1:], False))
@@ -535,8 +542,9 @@ def _draw_special(axes: Axes, curves: Sequence[Json], scale: float) -> None:
 
 
 def _is_turn(mark: Json) -> bool:
-    """Return whether a place located on a curve of bifurcations is marked.
+    """Return whether a located point of a curve of bifurcations gets a mark of `TURNS`.
 
-    It is marked if it is an end at a wall, or a least or greatest value at a true orbit.
+    These are the ends of the curve by grazing or pulling at a wall, and its extrema over the
+    parameter (folds) if their orbit is confirmed.
     """
     return mark["kind"] in TURNS and (mark["kind"] != FOLD or mark["orbit"] == "yes")

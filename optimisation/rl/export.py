@@ -1,10 +1,10 @@
-"""Agents and rules as files for a controller without Python.
+"""Export of agents and rules to controllers without Python.
 
-The files are C source, ONNX, and a table of their numbers.
+A policy becomes C source, an ONNX model (agents only), or a table of its numbers for JSON.
 
-An ONNX model is a message of Protocol Buffers; the few fields that a network needs are written here
-(fields and their numbers from onnx.proto3, https://github.com/onnx/onnx, ONNX 1.19, opset 13), so
-no package is needed to write one.
+An ONNX model is a message of Protocol Buffers. This module encodes the few fields that a network
+needs, without a package for ONNX (fields and numbers from onnx.proto3,
+https://github.com/onnx/onnx, ONNX 1.19, opset 13).
 """
 
 import struct
@@ -32,9 +32,10 @@ PREFIX = "impact_agent"  # of the names in C source
 
 
 def describe_observation(env_id: str, arguments: Any = None) -> list[dict[str, Any]]:
-    """Return name, meaning, unit and kind of each component of an observation.
+    """Return a dict for each component of an environment's observation, in order.
 
-    The components are in the order of the environment's observation.
+    Keys: ``name``, ``what`` (meaning), ``unit``, and ``measured``, whether a sensor gives it.
+    ``arguments``: those of the environment; None: defaults.
     """
     task = task_of(env_id, arguments)
     words = {
@@ -55,9 +56,10 @@ def describe_observation(env_id: str, arguments: Any = None) -> list[dict[str, A
 
 
 def make_table(policy: Agent | FamilyPolicy, env_id: str) -> dict[str, Any]:
-    """Return a policy as plain data.
+    """Return a policy as plain data for JSON.
 
-    The data have its observation, and the numbers of its layers or of its rule.
+    The data have the observation's components, and either weights and biases of the layers and the
+    memory (an LSTM cell), or the numbers of a rule by name.
     """
     table: dict[str, Any] = {
         "format": TABLE_FORMAT,
@@ -91,7 +93,10 @@ def make_table(policy: Agent | FamilyPolicy, env_id: str) -> dict[str, Any]:
 
 
 def _format_array(name: str, values: NDArray[Any], single: bool = True) -> str:
-    """Return the definition of an array of constants, row after row."""
+    """Return the C definition of a constant array, row after row, as float or double.
+
+    ``single``: float.
+    """
     number, suffix = (np.float32, "f") if single else (np.float64, "")
     # the shortest constants that give the same floats or doubles
     texts = [
@@ -107,7 +112,7 @@ def _format_array(name: str, values: NDArray[Any], single: bool = True) -> str:
 
 
 def _describe_in_c(policy: Agent | FamilyPolicy, env_id: str) -> str:
-    """Return the comment at the beginning of C source."""
+    """Return the comment on the observation's components at the beginning of C source."""
     arguments = policy.arguments if isinstance(policy, Agent) else None
     rows = [
         f" *   {k:2d}  {row['what']} [{row['unit']}]"
@@ -152,6 +157,7 @@ C_SQUASHES = {
 
 
 def _write_agent_in_c(agent: Agent, env_id: str) -> str:
+    """Return the C source of an agent's network in single precision."""
     first_inputs = agent.layers[0][0].shape[1] if agent.cells is None else agent.cells[0].shape[1]
     outputs = agent.layers[-1][0].shape[0]
     widest = max(weights.shape[0] for weights, _ in agent.layers)
@@ -211,7 +217,8 @@ typedef struct {{
     return "".join(parts)
 
 
-# the rules' formulas, as their families have them; p: numbers of the rule, o: observation
+# formulas of the rules, equal to their families' in Python; p: numbers of the rule, o: observation,
+# a: action before it is clipped
 C_SIZE = f"""    const double size = fmax(o[{rules.RMS}], 0.0) + {rules.SMALL!r};
     const double log_size = log(size), per_square = 1.0 / (size * size);
 """
@@ -263,6 +270,10 @@ C_RULES: dict[type, str] = {
 
 
 def _write_rule_in_c(policy: FamilyPolicy, env_id: str) -> str:
+    """Return the C source of a rule in double precision.
+
+    Raises ParameterError for a family without a formula in `C_RULES`.
+    """
     family = policy.family
     form = next((form for kind, form in C_RULES.items() if isinstance(family, kind)), None)
     known = ", ".join(kind.__name__ for kind in C_RULES)
@@ -293,9 +304,9 @@ def write_c(policy: Agent | FamilyPolicy, env_id: str) -> str:
     """Return C source with a function ``impact_agent_act`` that computes the actions of a policy.
 
     The source is C99 and needs only the mathematical library. An agent computes in single
-    precision, a rule in double. The function of an agent with memory has an argument for the
-    memory, a structure that must be zero at the start. Raises ParameterError for a rule with
-    memory.
+    precision, a rule in double. For an agent with memory the function's first argument is a pointer
+    to the memory, a structure that must be zero at the start of an episode. Raises ParameterError
+    for a rule with memory.
     """
     if isinstance(policy, Agent):
         return _write_agent_in_c(policy, env_id)
@@ -306,7 +317,7 @@ def write_c(policy: Agent | FamilyPolicy, env_id: str) -> str:
 
 
 def _encode_integer(value: int) -> bytes:
-    """Return a whole number, 0 or more, as a varint."""
+    """Return an integer, 0 or more, as a varint of Protocol Buffers."""
     encoded = bytearray()
     while value > 0x7F:
         encoded.append(value & 0x7F | 0x80)
@@ -316,9 +327,10 @@ def _encode_integer(value: int) -> bytes:
 
 
 def _encode_field(number: int, value: int | float | str | bytes) -> bytes:
-    """Return a field of a message.
+    """Return the encoded field ``number`` of a message.
 
-    It is an integer, a float, or text, bytes or a message with their length.
+    An integer is a varint, a float has 32 bits, and text, bytes or an encoded message follow their
+    length.
     """
     if isinstance(value, int):
         return _encode_integer(number << 3) + _encode_integer(value)
@@ -329,12 +341,12 @@ def _encode_field(number: int, value: int | float | str | bytes) -> bytes:
 
 
 def _encode_message(fields: Iterable[tuple[int, int | float | str | bytes]]) -> bytes:
-    """Return a message of fields, each a number and a value."""
+    """Return an encoded message of fields (number, value)."""
     return b"".join(_encode_field(number, value) for number, value in fields)
 
 
 def _make_tensor(name: str, values: NDArray[Any]) -> bytes:
-    """Return a TensorProto of floats or whole numbers."""
+    """Return an encoded TensorProto: int64 for integers, otherwise 32-bit floats."""
     whole = values.dtype.kind == "i"
     content = np.ascontiguousarray(values, dtype="<i8" if whole else "<f4").tobytes()
     dims = [(1, size) for size in values.shape]
@@ -344,7 +356,10 @@ def _make_tensor(name: str, values: NDArray[Any]) -> bytes:
 def _make_node(
     kind: str, inputs: Sequence[str], outputs: Sequence[str], **attributes: int
 ) -> bytes:
-    """Return a NodeProto, named after its first output."""
+    """Return an encoded NodeProto of the operator ``kind``, named after its first output.
+
+    ``attributes`` are integers.
+    """
     return _encode_message(
         [
             *((1, name) for name in inputs),
@@ -352,7 +367,7 @@ def _make_node(
             (3, f"compute {outputs[0]}"),
             (4, kind),
             *(
-                (5, _encode_message([(1, name), (3, value), (20, 2)]))  # whole numbers
+                (5, _encode_message([(1, name), (3, value), (20, 2)]))  # type 2: integer
                 for name, value in attributes.items()
             ),
         ]
@@ -360,7 +375,7 @@ def _make_node(
 
 
 def _make_value(name: str, size: int) -> bytes:
-    """Return a ValueInfoProto of floats (lanes, size)."""
+    """Return an encoded ValueInfoProto: 32-bit floats (lanes, size), lanes of any number."""
     lanes = _encode_message([(2, "lanes")])
     columns = _encode_message([(1, size)])
     shape = _encode_message([(1, lanes), (1, columns)])
@@ -369,7 +384,11 @@ def _make_value(name: str, size: int) -> bytes:
 
 
 def _add_memory(agent: Agent, nodes: list[bytes], constants: list[bytes]) -> None:
-    """Add the nodes of an agent's memory, from the observation to its output."""
+    """Append the nodes and constants of an agent's memory (an LSTM cell) to the two lists.
+
+    They compute ``output`` and ``state`` from ``observation``, ``output before`` and
+    ``state before``.
+    """
     assert agent.cells is not None
     inputs, recurrent, biases = agent.cells
     constants += [
@@ -393,9 +412,10 @@ def _add_memory(agent: Agent, nodes: list[bytes], constants: list[bytes]) -> Non
 
 
 def write_onnx(agent: Agent) -> bytes:
-    """Return an ONNX model that computes ``action`` from ``observation`` as an agent does.
+    """Return an ONNX model, encoded, that computes an agent's actions from observations.
 
-    Both are floats, ``action`` (lanes, A) and ``observation`` (lanes, features).
+    The input ``observation`` (lanes, features) and the output ``action`` (lanes, A) are 32-bit
+    floats.
 
     An agent with memory also takes ``output before`` and ``state before`` (lanes, H), zero at the
     start of an episode, and returns ``output`` and ``state`` for the next call.

@@ -20,9 +20,10 @@ the upper left block S is checked to be negative definite, and g^2 then follows 
 Schur complement, whatever the solver's accuracy. Both lemmas hold at any frequency, so nothing is
 sampled; the grid's largest amplitude only has to agree, as a check of the whole chain.
 
-All is dimensionless: time over 1/omega_r, the amplitude over the grid's largest, the states turned
-to the poles' own coordinates, each block with equal input and output. In SI units the same
-programme ends far off.
+All quantities are dimensionless: time is divided by 1/omega_r, where omega_r (rad/s) is the
+frequency of the resonance, and the amplitude by the grid's largest amplitude. The states are the
+coordinates along the eigenvectors, scaled such that the input and output vectors of each block have
+equal norms (`_balance_blocks`). In SI units the solver's result is far from the optimum.
 """
 
 from collections.abc import Sequence
@@ -47,13 +48,13 @@ with optional():
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# margin of the matrix inequality, and the solver's tolerance; they lift the bound by some parts in
-# a million
-_EVERYWHERE = 1e-4  # in decay rates of the slowest pole
-_WITHIN = (1e-6, 1e-5)  # the next where the solver does not reach an optimum with one
-_LEAST_MARGIN = 1e-8  # what the solver can still keep
-_AGREEMENT = 1e-4  # between bound and grid
-_CONDITION = 1e9  # of the poles' coordinates
+# Margins: the matrix is required to be below -margin times the identity, and the margin is the
+# solver's tolerance too. They raise the bound by some parts in a million.
+_EVERYWHERE = 1e-4  # margin relative to the decay rate of the slowest pole
+_WITHIN = (1e-6, 1e-5)  # the second is used if the solver finds no optimum with the first
+_LEAST_MARGIN = 1e-8  # smaller tolerances are out of the solver's reach
+_AGREEMENT = 1e-4  # largest relative difference between bound and grid
+_CONDITION = 1e9  # largest condition number of the matrix of eigenvectors
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,8 @@ class Certificate:
     """A proved bound of the tip's amplitude per newton.
 
     ``bound`` is in m/N. ``grid`` in m/N is the largest amplitude on a refined grid, at
-    ``frequency_ratio`` (over omega_r). ``everywhere``: the bound holds at all frequencies,
-    otherwise within the requested range.
+    ``frequency_ratio`` (over omega_r). If ``everywhere`` is True, bound and grid refer to all
+    frequencies, otherwise to the requested range.
     """
 
     bound: float
@@ -80,12 +81,14 @@ def certify(
     *,
     everywhere: bool | None = None,
 ) -> Certificate:
-    """Return a certificate for low..high times omega_r, or for all frequencies.
+    """Return a certificate for frequencies of low..high times omega_r, or for all frequencies.
 
-    ``everywhere`` None proves the bound at all frequencies if the largest amplitude lies in the
-    range: this takes less than a second instead of several. The flanks of neighbouring resonances
-    count, unlike in `peak`. Raises ParameterError for bad input and for an undamped pole,
-    NotOptimalError if the solver's status is not ``optimal`` or the proof fails.
+    ``absorber`` None: the structure alone. ``everywhere`` None: the bound is proved at all
+    frequencies if the largest amplitude of all lies in the range, which takes less than a second,
+    and otherwise in the range alone, which takes several. The largest amplitude may lie at an end
+    of the range, on the flank of a neighbouring resonance, which `peak` leaves out. Raises
+    ParameterError for bad input, an undamped pole and two equal poles; NotOptimalError if the
+    solver finds no optimum or if bound and grid differ.
     """
     omega_r = model.resonance_omega(resonance)
     inside = highest_amplitude(model, absorber, resonance, low, high)
@@ -118,9 +121,10 @@ def certify(
 
 
 def _balance_blocks(matrix: Real, b: Real, c: Real) -> tuple[Real, Real, Real]:
-    """Return the same system in real blocks, one for each pair of poles or real pole.
+    """Return the same system in real blocks, one for each complex pair of poles or real pole.
 
-    Input and output of each block have equal size.
+    In each block the input vector b and the output vector c have equal norms. Raises ParameterError
+    if two poles are so close that their eigenvectors are nearly parallel.
     """
     s, vectors = np.linalg.eig(matrix)
     columns = []
@@ -151,7 +155,10 @@ def _balance_blocks(matrix: Real, b: Real, c: Real) -> tuple[Real, Real, Real]:
 
 
 def _everywhere(a: Real, b: Real, c: Real, margins: Sequence[float]) -> float:
-    """Return the certified g^2 over all frequencies."""
+    """Return the certified g^2 over all frequencies.
+
+    The ``margins`` of the matrix inequality are tried in turn, see `_minimise`.
+    """
     size = len(a)
     p = cvxpy.Variable((size, size), symmetric=True)
     square = cvxpy.Variable()
@@ -170,7 +177,11 @@ def _everywhere(a: Real, b: Real, c: Real, margins: Sequence[float]) -> float:
 def _kyp_blocks(
     a: Real, b: Real, c: Real, p: Any, q: Any, low: float, high: float
 ) -> tuple[Any, Any, Any]:
-    """Return the blocks of the generalised lemma's matrix without g^2."""
+    """Return the blocks (corner, side, last) of the generalised lemma's matrix without g^2.
+
+    The matrix is [[corner, side], [side*, last - g^2]]. ``p`` and ``q`` are the matrices P and Q,
+    arrays or variables of cvxpy.
+    """
     middle = (low + high) / 2
     turned = p - 1j * middle * q
     corner = -a.T @ q @ a + a.T @ (p + 1j * middle * q) + turned @ a - low * high * q + c.T @ c
@@ -178,7 +189,7 @@ def _kyp_blocks(
 
 
 def _within(a: Real, b: Real, c: Real, low: float, high: float) -> float:
-    """Return the certified g^2 over low <= w <= high."""
+    """Return the certified g^2 over low <= w <= high, both relative to omega_r."""
     size = len(a)
     p, q = (cvxpy.Variable((size, size), hermitian=True) for _ in range(2))
     square = cvxpy.Variable()
@@ -192,6 +203,11 @@ def _within(a: Real, b: Real, c: Real, low: float, high: float) -> float:
 
 
 def _minimise(matrix: Any, square: Any, margins: Sequence[float], constraints: list[Any]) -> None:
+    """Minimise ``square`` (g^2) such that ``matrix`` is below -margin times the identity.
+
+    The first of the ``margins`` with which the solver finds an optimum is used. The solution is
+    stored in the variables of cvxpy. Raises NotOptimalError if there is no optimum with the last.
+    """
     size = matrix.shape[0]
     hermitian = (matrix + matrix.H) / 2
     for margin in margins:

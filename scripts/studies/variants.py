@@ -1,6 +1,8 @@
 """Scenes with observers for studies of compiled code.
 
-The module also has more general scenes in which a part is switched off by its value.
+Each combination of absorber, method and observers has its own compiled code. For comparison, the
+module has scenes whose compiled code is more general than necessary: a part is present, but has no
+effect because of its value, such as walls out of reach.
 """
 
 from collections.abc import Callable
@@ -25,9 +27,9 @@ from impact_env.parameters import (
 MODES = 10
 FORCE = 3.5
 RATIO = 0.98
-OUT_OF_REACH = 1e6  # m: walls that are never met
-# N: friction without any effect, and no subnormal numbers, which some processors are slow with; a
-# limit of 0 is not a friction
+OUT_OF_REACH = 1e6  # m: gap of walls that the absorber never reaches
+# N: friction without any effect. A limit of 0 would remove the friction law from the scene. A still
+# smaller limit could give subnormal numbers, with which some processors are slow.
 NO_FRICTION = 1e-200
 SPRING = 100 * Beam().static_tip_stiffness
 
@@ -43,7 +45,7 @@ ABSORBERS: dict[str, Callable[[], Absorber | None]] = {
         walls=CompliantWalls(SPRING), friction=ElasticCoulombFriction(0.1, SPRING)
     ),
     "two impact absorbers": lambda: impact_absorbers((1e-3, 1e-3), (0.8, 1.0), 0.7, 0.05),
-    # the general scenes with a part that does nothing
+    # more general scenes, with a part that has no effect
     "impact out of reach": lambda: impact_absorber(OUT_OF_REACH, 0.7),
     "impact out of reach, and friction": lambda: SlidingAbsorber(
         walls=RigidWalls(OUT_OF_REACH, 0.7), friction=CoulombFriction(0.1)
@@ -72,7 +74,7 @@ RECORDS = {
 
 @dataclass(frozen=True)
 class KernelVariant:
-    """A scene, a method and observers, by name."""
+    """A scene, a method and observers: keys of `ABSORBERS`, `METHODS` and `RECORDS`."""
 
     absorber: str
     method: str = "exact"
@@ -80,14 +82,17 @@ class KernelVariant:
 
     @property
     def name(self) -> str:
-        """Absorber, method, and records in addition to the level."""
+        """Absorber and method, and the key of the record if it is not the level alone."""
         return f"{self.absorber}, {self.method}" + (
             "" if self.record == "level" else f", {self.record} recorded"
         )
 
     @property
     def kind(self) -> str:
-        """The compiled code that it uses: the types of its parts."""
+        """Name of the compiled code: method, types of the absorber's parts, and record.
+
+        Variants with the same kind use the same compiled code.
+        """
         absorber = self.scene().absorber
         parts = (
             (absorber.walls, absorber.friction)
@@ -97,11 +102,11 @@ class KernelVariant:
         return f"{self.method}, {' '.join(type(part).__name__ for part in parts)}, {self.record}"
 
     def scene(self) -> Scene:
-        """Return the beam with the absorber."""
+        """Return the beam (`MODES` modes) with the absorber."""
         return beam_scene(Beam(modes=MODES), ABSORBERS[self.absorber]())
 
     def drive(self, periods: float) -> Drive:
-        """Return a constant drive of so many pseudo periods near the first resonance."""
+        """Return a drive of ``periods`` pseudo periods at `RATIO` times the first resonance."""
         return Drive(
             FORCE, constant_frequency(self.scene().model.resonance_omega(1), RATIO, periods)
         )
@@ -123,7 +128,10 @@ QUICK_OWN = tuple(
 
 @dataclass(frozen=True)
 class Pair:
-    """A scene that lacks a part, and a more general one in which the part has no effect."""
+    """Two variants with the same motion: one lacks a part, in the other it has no effect.
+
+    ``part`` names the part and the method, for tables.
+    """
 
     part: str
     without: KernelVariant
@@ -189,11 +197,11 @@ PAIRS = (
 
 
 def own(quick: bool) -> tuple[KernelVariant, ...]:
-    """Return the variants of which compiled code is looked at."""
+    """Return the variants whose own compiled code is studied; ``quick``: three of them."""
     return QUICK_OWN if quick else OWN
 
 
 def pairs(quick: bool) -> tuple[Pair, ...]:
-    """Return the pairs; in a quick look those whose kernels it compiles anyway."""
+    """Return the pairs of which `own` contains the compiled code of both variants."""
     kinds = {variant.kind for variant in own(quick)}
     return tuple(pair for pair in PAIRS if {pair.without.kind, pair.switched_off.kind} <= kinds)

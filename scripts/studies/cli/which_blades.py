@@ -1,7 +1,7 @@
 """Which blades of a mistuned disk need an impact absorber.
 
-The study gives the level of the worst blade over the clearance, for four layouts, over random
-disks.
+The study computes the level of the worst blade of randomly mistuned disks, for each layout of
+absorbers and each clearance.
 """
 
 from pathlib import Path
@@ -44,22 +44,27 @@ QUICK_CLEARANCES = (0.35, 0.8)
 
 
 class Settings(NamedTuple):
-    """Numbers of disks with the best clearance and with each; clearances."""
+    """Numbers of random disks, and clearances."""
 
-    disks: int
-    scan_disks: int
-    clearances: tuple[float, ...]
+    disks: int  # without absorbers, and with the best clearance of each layout
+    scan_disks: int  # with each clearance of each layout
+    clearances: tuple[float, ...]  # over the amplitude of the tuned disk without absorbers
 
 
 def count_steps(settings: Settings) -> int:
-    """Return the number of cases that are scanned, and of those to which disks are added."""
+    """Return the number of steps of `measure`.
+
+    They are the disk without absorbers, and for each layout every clearance and the further disks
+    with the best clearance.
+    """
     return 1 + len(LAYOUTS) * (len(settings.clearances) + 1)
 
 
 def measure(settings: Settings, known: Json) -> Steps:
-    """Yield all rows after each measurement.
+    """Yield the settings and all rows so far after each step.
 
-    Every layout is measured with every clearance, and on more disks with the best clearance.
+    Each layout is measured on ``settings.scan_disks`` disks with every clearance, then on
+    ``settings.disks`` disks with its best clearance. Rows of ``known`` are not measured again.
     """
     rows = {key(row): row for row in known.get("rows", ())}
     cases = [Case(BARE, 0.0)]
@@ -84,7 +89,7 @@ def measure(settings: Settings, known: Json) -> Steps:
 
 
 def key(row: Json) -> Case:
-    """Return the case of a row."""
+    """Return the case, layout and clearance, of a row."""
     return Case(row["layout"], row["clearance"])
 
 
@@ -95,13 +100,16 @@ def divide_rows(rows: list[Json]) -> tuple[Json, list[Json]]:
 
 
 def band(values: list[float], digits: int = 2) -> str:
-    """Return a median with its band."""
+    """Return ``values`` (median, low, high) as "1.20 (1.10 to 1.31)"."""
     median, low, high = (f"{value:.{digits}f}" for value in values)
     return f"{median} ({low} to {high})"
 
 
 def make_line(words: str, row: Json, bare: Json, clearance: str) -> list[str]:
-    """Return a line of the table."""
+    """Return the cells of a line of `make_table`, the first two of which are given.
+
+    Levels are relative to those of the row ``bare``, the disks without absorbers.
+    """
     summary = summarise(row, bare)
     return [
         words,
@@ -115,7 +123,7 @@ def make_line(words: str, row: Json, bare: Json, clearance: str) -> list[str]:
 
 
 def make_table(measured: Measurement) -> str:
-    """Return the table of the best clearance of each layout."""
+    """Return a Markdown table of the layouts, each with its best clearance."""
     bare, rows = divide_rows(measured.values["rows"])
     best = find_best(rows)
     lines = [make_line("none", bare, bare, "")]
@@ -136,7 +144,10 @@ def make_table(measured: Measurement) -> str:
 
 
 def make_figure(measured: Measurement) -> Saver:
-    """Return a figure of level and amplification factor over the clearance."""
+    """Return a function that writes the figure to a path.
+
+    The figure has level and amplification factor of the worst blade over the clearance.
+    """
     bare, rows = divide_rows(measured.values["rows"])
 
     def save(path: Path) -> None:

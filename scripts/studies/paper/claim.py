@@ -1,9 +1,7 @@
-"""Statements of the paper and their verdicts.
+"""Verdicts on the paper's statements, which are listed in claims.toml.
 
-The module has the range that the words of a statement allow, and the comparison of computed values
-with it.
-
-The statements are in claims.toml.
+The words of a statement allow a range of a number. The verdict follows from the comparison of this
+range with the computed values.
 """
 
 import tomllib
@@ -83,12 +81,15 @@ RULE = (
 
 
 def range_about(number: float, to: float | None = None) -> tuple[float, float]:
-    """Return the range that counts as about a number, or as a range up to another one."""
+    """Return the range (least, most) that counts as about ``number``.
+
+    With ``to`` it is the range that counts as about ``number`` to about ``to``.
+    """
     return (1 - ABOUT) * number, (1 + ABOUT) * (number if to is None else to)
 
 
 def range_within(share: float, middle: float = 1.0) -> tuple[float, float]:
-    """Return the range from a share below a number to that share above it."""
+    """Return (least, most) of the numbers within a relative ``share`` of ``middle``."""
     return (1 - share) * middle, (1 + share) * middle
 
 
@@ -134,7 +135,11 @@ STATED: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
 
 
 def parse_relation(relation: Any) -> tuple[float, float]:
-    """Return the least and the most that a relation of claims.toml allows."""
+    """Return the least and the most that a relation of claims.toml allows.
+
+    A relation is a key of `RELATIONS`, "about" with a number, or a pair of numbers. Raises KeyError
+    for any other text.
+    """
     if not isinstance(relation, str):
         least, most = relation
         return least, most
@@ -144,10 +149,7 @@ def parse_relation(relation: Any) -> tuple[float, float]:
 
 
 class Interval(NamedTuple):
-    """A computed value and its interval.
-
-    It is used where the interval is not the 5 to 95 % of members.
-    """
+    """A computed value and its interval, where that is not 5 to 95 % of the members."""
 
     value: float
     low: float
@@ -190,7 +192,8 @@ class Claim:
         Whether the statement follows from the definition of the model, or from the structure
         without contact, by arithmetic.
     value, low, high : float or None
-        Median and 5 to 95 % of the computed values; None if several numbers decide.
+        Median and 5 to 95 % of the computed values, or an `Interval`; None if several numbers
+        decide.
     least, most : float or None
         Range that the statement allows.
     """
@@ -251,8 +254,9 @@ def from_plain(plain: dict[str, Any]) -> Claim:
 def judge_interval(low: float, high: float, least: float, most: float) -> ClaimVerdict:
     """Return the verdict of an interval on a range that a statement allows.
 
-    The statement holds if the interval from ``low`` to ``high`` is inside the range, does not hold
-    if it is outside, and is otherwise within spread.
+    The statement holds if the interval from ``low`` to ``high`` is inside the range from ``least``
+    to ``most``, does not hold if they do not overlap, and is otherwise within spread. Raises
+    ParameterError if ``low`` exceeds ``high``, or ``least`` exceeds ``most``.
     """
     require(
         low <= high and least <= most,
@@ -268,17 +272,17 @@ def judge_interval(low: float, high: float, least: float, most: float) -> ClaimV
 def judge_cases(cases: Iterable[ClaimVerdict]) -> ClaimVerdict:
     """Return the verdict of a statement on several cases.
 
-    It holds, or does not hold, if this is so in each case. Otherwise it is within spread.
+    It is the verdict of the cases if that is the same in all of them, else within spread.
     """
     verdicts = set(cases)
     return verdicts.pop() if len(verdicts) == 1 else ClaimVerdict.SPREAD
 
 
 def judge_share(low: float, high: float) -> ClaimVerdict:
-    """Return the verdict of the interval of a share of runs, for a statement on one run.
+    """Return the verdict on a statement that something happens in one run.
 
-    The rule is that for something that happens in one run: it holds from the share `OFTEN` on, and
-    does not hold up to the share `RARE`.
+    ``low`` and ``high`` are the confidence interval of the share of runs in which it happens. The
+    statement holds if ``low`` is at least `OFTEN`, and does not hold if ``high`` is at most `RARE`.
     """
     return (
         ClaimVerdict.HOLDS
@@ -290,30 +294,36 @@ def judge_share(low: float, high: float) -> ClaimVerdict:
 
 
 def compute_bands(values: ArrayLike) -> Array:
-    """Return 5 %, median and 95 % over the last axis, the members; NaN is ignored."""
+    """Return the 5 % quantile, median and 95 % quantile over the last axis, (3, ...).
+
+    The last axis is that of the members. NaN is ignored.
+    """
     return quantiles(values, (BAND[0], 0.5, BAND[1]))
 
 
 def format_interval(
     middle: float, low: float, high: float, *, form: str = "{:.2f}", factor: float = 1.0
 ) -> str:
-    """Return a value and the interval that it lies in, as "0.64 (0.55 to 0.71)"."""
+    """Return a value and its interval, each times ``factor``, as "0.64 (0.55 to 0.71)"."""
     return "{} ({} to {})".format(*(form.format(factor * x) for x in (middle, low, high)))
 
 
 def format_spread(
     values: ArrayLike, form: str = "{:.2f}", factor: float = 1.0, unit: str = ""
 ) -> str:
-    """Return median and 5 to 95 % of members, as "0.64 (0.55 to 0.71)".
+    """Return median and 5 to 95 % of members, each times ``factor``, as "0.64 (0.55 to 0.71)".
 
-    If all three read the same, only the median is returned. NaN is left out.
+    If both ends of the band have the same text, only the median is returned. NaN is ignored.
     """
     low, middle, high = (form.format(factor * float(x)) for x in compute_bands(np.ravel(values)))
     return f"{middle}{unit}" if low == high else f"{middle}{unit} ({low} to {high})"
 
 
 def format_range(values: ArrayLike, form: str = "{:.3g}", factor: float = 1.0) -> str:
-    """Return least and largest value, as "0.55 to 0.71", or the value where both read the same."""
+    """Return least and largest value, each times ``factor``, as "0.55 to 0.71".
+
+    If both have the same text, it is returned once. NaN is ignored.
+    """
     row = np.ravel(np.asarray(values, dtype=float))
     low, high = (form.format(factor * float(x)) for x in (np.nanmin(row), np.nanmax(row)))
     return low if low == high else f"{low} to {high}"
@@ -328,9 +338,11 @@ def compute_band(values: ArrayLike) -> tuple[float, float]:
 def judge_values(
     low: float, high: float, least: float, most: float, at_step: float | None = None
 ) -> ClaimVerdict:
-    """Return the verdict of an interval on a statement that allows least..most.
+    """Return the verdict of `judge_interval`, with two additions.
 
-    ``at_step`` is the value of the paper's own run, with its step.
+    If the statement does not hold, but the value ``at_step`` of one run with the paper's scheme and
+    step is inside the range, the verdict is `ClaimVerdict.STEP`. A statement on values that are not
+    finite does not hold.
     """
     if not (np.isfinite(low) and np.isfinite(high)):
         return ClaimVerdict.NOT
@@ -343,13 +355,14 @@ def judge_values(
 
 
 class ClaimFormatter(Formatter):
-    """Fills the braces of claims.toml.
+    """Formatter of the texts of claims.toml, with values in braces.
 
-    Members' values are formatted by `format_spread`, in per cent if the form ends in %.
+    Arrays, the values of the members, are formatted by `format_spread`. With a format that ends in
+    %, values are given in per cent.
     """
 
     def format_field(self, value: Any, format_spec: str) -> Any:
-        """Return a value as text."""
+        """Return a number, an array or a text as text; texts stay as they are."""
         if isinstance(value, str):
             return value
         form = format_spec
@@ -374,14 +387,21 @@ def make_claim(
     at_step: float | None = None,
     **text_values: Any,
 ) -> Claim:
-    """Return a claim of claims.toml.
+    """Return the claim ``name`` of a ``figure`` of claims.toml, with its verdict.
 
-    ``result`` has members' values, which are judged by their 5 to 95 %, or is an interval, a
-    verdict, or whether the claim holds.
-
-    ``allowed``, least and most, where claims.toml has no relation; ``text_values`` fills the
-    braces, as do the values, as {value}. ``at_step``: the number by the paper's scheme and step, in
-    one run.
+    Parameters
+    ----------
+    figure, name : str
+        Table and key in claims.toml. Raises KeyError if they do not exist.
+    result : array, Interval, ClaimVerdict or bool
+        Values of the members, judged by their 5 to 95 %; a value with its interval; a verdict; or
+        whether the claim holds.
+    allowed : (float, float), optional
+        Least and most allowed value. Default: the relation of claims.toml.
+    at_step : float, optional
+        Value of one run with the paper's scheme and step, see `judge_values`.
+    text_values
+        Values for the braces in the texts of claims.toml. ``{value}`` is ``result`` unless given.
     """
     own = STATED[figure][name]
     text_values = {**RULE_NUMBERS, "value": result, **text_values}

@@ -1,11 +1,10 @@
 """Performance curves of this study as plain values, and their operating ranges.
 
-The curves have the contacts and envelopes of their sweeps.
-
-Contacts around the maximum, envelopes and passages are read from one set of observers, so that each
-kernel is compiled once. Of a curve, that is kept of the critical direction. Ranges are marked by
-what the contacts do (paper, table of operating ranges): linear, no impacts; primary, impacts and
-pauses take turns around the largest response; secondary, there they go on without pause.
+Levels, contacts around the largest response and envelopes come from runs with the same observers,
+so that each kernel is compiled once. A curve has the values of the sweep, up or down, with the
+larger level. Operating ranges follow from the contacts (paper, table of operating ranges): linear
+without impacts; primary with impacts and pauses in turn around the largest response; secondary with
+impacts without pause there.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ class SweepContacts(NamedTuple):
         Number of impacts.
     rate, pause : float
         Impacts per pseudo period, and the longest pause between impacts in pseudo periods, in the
-        level's window.
+        window of the level: 10 pseudo periods to either side of the largest displacement.
     """
 
     level: float
@@ -75,7 +74,7 @@ def compute_level_value(lane: Lane) -> float:
 def make_both_sweeps(
     scene: Scene, resonance: int = 1
 ) -> tuple[FrequencySchedule, FrequencySchedule]:
-    """Return the paper's sweeps up and down near a resonance."""
+    """Return the paper's sweeps up and down through a resonance, counted from 1."""
     omega = scene.model.resonance_omega(resonance)
     low, high = PAPER_LIMITS
     return linear_sweep(omega, low, high), linear_sweep(omega, high, low)
@@ -104,14 +103,15 @@ def measure_contacts(lane: Lane, method: Method | None = None) -> SweepContacts:
 def compute_exponent(lane: Lane, periods: int) -> tuple[float, float, float]:
     """Return the largest Lyapunov exponent of a lane's stationary motion.
 
-    It is per period of the force, over ``periods``: its value, and the ends of its interval.
+    The result is the value and the ends of its interval, each per period of the force, from a run
+    over ``periods`` periods.
     """
     result = largest_exponent(lane.scene, lane.drive, periods)
     return result.value, result.low, result.high
 
 
 def compute_envelope(lane: Lane, periods: int = 4) -> Array:
-    """Return a lane's largest |q_tip| in m in each interval of the run, (intervals,).
+    """Return a lane's largest |q_tip| in m in each interval of its run, (intervals,).
 
     An interval has ``periods`` pseudo periods. The last one may be shorter.
     """
@@ -125,7 +125,10 @@ def compute_envelope(lane: Lane, periods: int = 4) -> Array:
 
 
 def compute_envelope_ratios(schedule: FrequencySchedule, periods: int = 4) -> Array:
-    """Return the frequency in the middle of each stretch over the schedule's reference."""
+    """Return the frequency in the middle of each interval over the reference, (intervals,).
+
+    The intervals are those of `compute_envelope`.
+    """
     stretches = int(
         np.ceil(
             (int(schedule.periods * (1 + 1e-12) * DEFAULT_SAMPLES) + 1)
@@ -139,10 +142,11 @@ def compute_envelope_ratios(schedule: FrequencySchedule, periods: int = 4) -> Ar
 def compute_envelopes(
     settings: PaperSettings, label: str, scene: Scene, drives: Sequence[Drive], periods: int = 4
 ) -> tuple[Json, Array]:
-    """Return the envelopes of members with one schedule over frequency ratios.
+    """Return the envelopes in m of an ensemble of sweeps.
 
-    They are the 5 %, median and 95 % envelopes and that of the nominal member. The envelope of each
-    member is also returned.
+    ``drives`` are those of the members, with one schedule, the nominal one first. The first result
+    is a dict of lists over the intervals: frequency ratio, 5 % quantile, median and 95 % quantile,
+    and the nominal member's envelope. The second is the envelope of each member, (M, intervals).
     """
     rows = np.array(
         settings.each(
@@ -166,7 +170,7 @@ PAUSE = (
 
 @dataclass(frozen=True, eq=False)
 class LevelCurve:
-    """A performance curve by member.
+    """A performance curve of F forces for each of M members.
 
     Attributes
     ----------
@@ -175,12 +179,13 @@ class LevelCurve:
     level, at : array, (F, M)
         The larger level of the sweeps up and down in m, and its frequency ratio.
     down : array, (F, M)
-        1 if it is that of the sweep down, else 0.
+        1 if the sweep down has the larger level, else 0.
     impacts : array, (F, M)
-        The larger number of impacts of both directions.
+        The larger number of impacts of both sweeps.
     tip, rate, pause : array, (F, M)
-        Largest |q_tip| in m, impacts per pseudo period and longest pause in the level's window; NaN
-        if contacts were not measured.
+        Largest |q_tip| in m, impacts per pseudo period and longest pause in pseudo periods, of the
+        sweep with the larger level, as in `SweepContacts`. Rate and pause are NaN if contacts were
+        not measured.
     """
 
     forces: Array
@@ -199,7 +204,10 @@ class LevelCurve:
 
     @property
     def sustained(self) -> Array:
-        """Share of the members with impacts without pause around the maximum, (F,)."""
+        """Share of the members with impacts and no pause in the window of the level, (F,).
+
+        A pause lasts at least `PAUSE` periods of the force.
+        """
         return np.asarray(np.mean((self.pause * self.at < PAUSE) & (self.rate > 0), axis=1))
 
     @property
@@ -208,9 +216,9 @@ class LevelCurve:
         return np.asarray(np.mean(self.impacts > 0, axis=1))
 
     def relative(self, reference: LevelCurve) -> Array:
-        """Return the level relative to that of the same member of a reference, (F, M).
+        """Return the level over that of the same member of a reference curve, (F, M).
 
-        The reference must have the same forces.
+        Raises ParameterError unless the reference has the same forces.
         """
         require(
             np.array_equal(self.forces, reference.forces),
@@ -221,15 +229,15 @@ class LevelCurve:
         return np.asarray(self.level / reference.level)
 
     def best(self, reference: LevelCurve) -> int:
-        """Return the number of the force with the least median level over a reference."""
+        """Return the index of the force with the least median level over a reference curve."""
         return int(np.argmin(np.median(self.relative(reference), axis=1)))
 
     def nearest(self, force: float) -> int:
-        """Return the number of the force next to ``force`` in N."""
+        """Return the index of the curve's force that is closest to ``force`` in N."""
         return int(np.argmin(np.abs(self.forces - force)))
 
     def to_plain(self) -> Json:
-        """Return lists, None for NaN."""
+        """Return a dict of lists for JSON, with None for NaN."""
         return {field.name: _plain(getattr(self, field.name)) for field in fields(self)}
 
 
@@ -242,7 +250,7 @@ def _plain(values: Array) -> list[Any]:
 
 
 def read_curve(plain: Json) -> LevelCurve:
-    """Return the curve of its plain form."""
+    """Return the curve of a dict from `LevelCurve.to_plain`."""
     return LevelCurve(
         **{
             field.name: np.array(plain[field.name], dtype=np.float64)
@@ -267,7 +275,10 @@ def to_plain_curve(result: PerformanceCurve) -> Json:
 
 
 def _critical(forces: Array, values: Mapping[str, Array]) -> LevelCurve:
-    """Return the curve of arrays (F, M, 2): up, down."""
+    """Return the curve that has, for each force and member, the sweep with the larger level.
+
+    ``values`` has arrays (F, M, 2), up and down, by the names of `LevelCurve`.
+    """
     which = np.argmax(values["level"], axis=-1)[..., None]
     own = {
         name: np.take_along_axis(array, which, axis=-1)[..., 0] for name, array in values.items()
@@ -284,7 +295,10 @@ def compute_curves(
     members: int,
     method: Method | None = None,
 ) -> Json:
-    """Return the plain performance curve of each scene near its first resonance."""
+    """Return a dict of plain performance curves of scenes near their first resonance.
+
+    Keys are those of ``scenes``. Contacts are not measured.
+    """
     cases = [CurveCase(scene, np.array(forces)) for scene in scenes.values()]
     return {
         name: to_plain_curve(result)
@@ -313,12 +327,15 @@ def compute_contact_curve(
 
 
 def find_best_forces(own: LevelCurve, none: LevelCurve) -> Array:
-    """Return each member's force in N with the smallest level over no absorber, (M,)."""
+    """Return the force in N at which each member has its smallest level over no absorber, (M,)."""
     return own.forces[np.argmin(own.relative(none), axis=0)]
 
 
 def describe_best(own: LevelCurve, none: LevelCurve) -> tuple[str, str]:
-    """Return in words the force with the smallest median level over no absorber, and that level."""
+    """Return, as texts, the force in N with the least median level over no absorber, and the level.
+
+    The level has its band.
+    """
     best = own.best(none)
     return f"{own.forces[best]:.3g}", format_spread(own.relative(none)[best])
 
@@ -326,7 +343,7 @@ def describe_best(own: LevelCurve, none: LevelCurve) -> tuple[str, str]:
 def make_force_grid(
     low: float, high: float, points: int, also: Sequence[float] = ()
 ) -> tuple[float, ...]:
-    """Return rising forces in N, evenly spaced on a logarithmic axis, with some more among them."""
+    """Return ``points`` forces in N, evenly spaced on a logarithmic axis, and ``also``, sorted."""
     return tuple(sorted({*np.round(np.geomspace(low, high, points), 6).tolist(), *also}))
 
 
@@ -334,14 +351,14 @@ MAJORITY = 0.5  # share of the members that decides
 
 
 class Border(NamedTuple):
-    """Where a range ends: between two forces in N of a curve, ``low`` and ``high``."""
+    """End of an operating range, between two adjacent forces of a curve in N."""
 
     low: float
     high: float
 
     @property
     def force(self) -> float:
-        """The middle on a logarithmic axis, in N."""
+        """Geometric mean of both forces, in N."""
         return float(np.sqrt(self.low * self.high))
 
     def __str__(self) -> str:
@@ -351,8 +368,8 @@ class Border(NamedTuple):
 class Ranges(NamedTuple):
     """Operating ranges of a performance curve.
 
-    ``first_impacts`` is the end of the linear range, ``transition`` that of the primary one. They
-    are None if they are outside the curve's forces.
+    ``first_impacts`` is the end of the linear range, ``transition`` the end of the primary one. A
+    border outside the curve's forces is None.
     """
 
     first_impacts: Border | None
@@ -362,10 +379,10 @@ class Ranges(NamedTuple):
 def find_operating_ranges(forces: ArrayLike, impacting: ArrayLike, sustained: ArrayLike) -> Ranges:
     """Return the borders between the operating ranges on rising forces (F,) in N.
 
-    They follow from the shares (F,) of members with impacts, and with sustained impacts.
-
-    The linear range ends at the first force at which most have impacts. The secondary range is what
-    lies above the last force at which most have pauses.
+    ``impacting`` and ``sustained`` (F,) are the shares of members with impacts, and with impacts
+    without pause. The linear range ends at the first force at which more than half of the members
+    have impacts. The secondary range begins above the last force at which no more than half of them
+    have impacts without pause.
     """
     rising = np.asarray(forces, dtype=float)
     impacts = np.flatnonzero(np.asarray(impacting) > MAJORITY)
@@ -387,8 +404,8 @@ def find_ranges(curve: LevelCurve) -> Ranges:
 def compute_slopes(curve: LevelCurve, inside: NDArray[np.bool_]) -> Array:
     """Return d log(level)/d log(force) of each member, (M,), by least squares.
 
-    The forces are those of the mask ``inside`` (F,). 1 is proportional, 0 saturated; NaN for fewer
-    than two forces.
+    Only the forces in the mask ``inside`` (F,) are used. A slope of 1 is a level proportional to
+    the force, 0 a saturated level. The result is NaN for fewer than two forces.
     """
     if np.count_nonzero(inside) < 2:
         return np.full(curve.level.shape[1], np.nan)
@@ -402,7 +419,10 @@ def compute_slopes(curve: LevelCurve, inside: NDArray[np.bool_]) -> Array:
 def draw_curve(
     axes: Axes, own: LevelCurve, style: LineStyle, label: str, marked: bool = True
 ) -> None:
-    """Draw the median of a curve with its band and nominal member, levels in mm."""
+    """Draw the median of a curve with its band and its nominal member, levels in mm.
+
+    ``marked``: with markers.
+    """
     draw_band(axes, own.forces, own.level, style, label, MM, marked=marked)
 
 
@@ -421,10 +441,10 @@ def draw_inset(
     none: LevelCurve,
     drawn: Mapping[LineStyle, LevelCurve],
 ) -> Axes:
-    """Add an inset at ``bounds`` of the axes.
+    """Add an inset with the levels over those without absorber, and return its axes.
 
-    It shows the levels relative to no absorber at all forces, on a logarithmic axis, each curve in
-    its style.
+    ``bounds``: its place in the axes, as in matplotlib's ``inset_axes``. ``none``: the curve
+    without absorber; ``drawn``: the other curves by their line styles, over the same forces.
     """
     small = axes.inset_axes(bounds)
     for style, own in drawn.items():

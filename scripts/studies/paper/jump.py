@@ -69,19 +69,18 @@ from studies.paper.frame import (
 from studies.study import Json, Steps, not_none
 
 LABEL = "jump"
-# N
 MODES = 2
-FRICTION = 0.025
-FORCES = {"medium": 1.5, "high": 3.0}
-# m, and frequencies over the first resonance
-GAP = 1e-3
+FRICTION = 0.025  # N
+FORCES = {"medium": 1.5, "high": 3.0}  # N
+GAP = 1e-3  # m
+# limits of the sweeps, over the first resonance
 LOW = 0.9
 HIGH = 1.06
 RATE = 725.0  # the paper's faster sweep, in pseudo periods per 1 %; the other takes twice as long
 EDGES = np.linspace(
     LOW, HIGH, 81
-)  # of the stretches in which a sweep's largest displacement is kept
-# where the high branch, and the response at resonance, are read off
+)  # of the intervals in which a sweep's largest displacement is recorded
+# intervals of the frequency ratio for the high branch, and for the response at resonance
 ON_BRANCH = (0.935, 0.945)
 AT_RESONANCE = (0.995, 1.005)
 SWEEPS: dict[
@@ -96,13 +95,11 @@ SWEEPS: dict[
 }
 OVER = Range(
     1.0, 0.988, 0.952, LOW
-)  # of the sweeps that are counted: they come from impact at resonance
+)  # of the sweeps in which jumps are counted, which begin at the resonance
 HIGH_LEVEL = 0.75e-3  # m: at 1.5 N response levels are near 0.55 and 1.05 mm
 HIGH_BRANCH = 1.5e-3  # m: at 3 N the high branch is above it, all else below
-# a slow sweep without impacts: from, to, % per 100 pseudo periods; over which the absorber's place
-# is averaged
-DRIFT = (0.96, 0.97, 0.1)
-BLOCK = 100
+DRIFT = (0.96, 0.97, 0.1)  # a slow sweep without impacts: from, to, % per 100 pseudo periods
+BLOCK = 100  # pseudo periods over which the absorber's position is averaged
 EVERY = "exact"
 STEP = "paper's step"
 FINER = "ten times finer"
@@ -111,8 +108,8 @@ METHODS: dict[str, Method] = {
     STEP: Moreau(),
     FINER: Moreau(200),
 }  # steps a period of the highest mode; the paper's are 20
-BURN_IN = 100.0  # pseudo periods of a stay that are left out of its rate
-PAPER_PERIODS = 100.0  # pseudo periods per 1 % of the sweeps for a level
+BURN_IN = 100.0  # pseudo periods at the start of a run that the exit rate leaves out
+PAPER_PERIODS = 100.0  # pseudo periods per 1 % of the paper's sweeps for response levels
 
 
 def make_scene() -> Scene:
@@ -121,10 +118,10 @@ def make_scene() -> Scene:
 
 
 def follow_sweep(lane: Lane, method: Method) -> tuple[list[float], float, float]:
-    """Return the largest |q_tip| in m of a sweep in each interval between `EDGES`.
+    """Return displacements |q_tip| in m of a sweep.
 
-    The median of the periods' largest values on the high branch, and the largest value at
-    resonance, are also returned.
+    They are the largest one in each interval of the frequency ratio between `EDGES`; the median of
+    the largest values of the pseudo periods in `ON_BRANCH`; and the largest one in `AT_RESONANCE`.
     """
     schedule: FrequencySchedule = lane.drive.schedule
     history = simulate(
@@ -142,9 +139,10 @@ def follow_sweep(lane: Lane, method: Method) -> tuple[list[float], float, float]
 
 
 def _sweeps(settings: PaperSettings, size: Size) -> Json:
-    """Return for each of `SWEEPS` the paper's own run and the band of all members.
+    """Return the results of `follow_sweep` for each of `SWEEPS`, by name.
 
-    The members' displacements on the branch and at resonance are also given.
+    The displacements between `EDGES` are given for the nominal member and as 5 and 95 % of all
+    members, those on the branch and at resonance for each member.
     """
     own = make_scene()
     result = {}
@@ -170,7 +168,10 @@ def _sweeps(settings: PaperSettings, size: Size) -> Json:
 
 
 def _rates(settings: PaperSettings, size: Size) -> list[Json]:
-    """Return exits and time at risk at constant frequencies."""
+    """Return exits from the impact regime and time at risk at constant frequencies.
+
+    Each row also has the exit rate per pseudo period and its interval, None without time at risk.
+    """
     own = make_scene()
     rows = []
     to = Json(threads=settings.threads, executor=settings.executor)
@@ -193,9 +194,10 @@ def _rates(settings: PaperSettings, size: Size) -> list[Json]:
 
 
 def _jumps(settings: PaperSettings, size: Size, name: str) -> list[Json]:
-    """Return at each slowness how many sweeps reach the high branch, by one of the `METHODS`.
+    """Return how many sweeps down reach the high branch, by the method ``name`` of `METHODS`.
 
-    The number of sweeps with impacts up to the end is also given.
+    There is a row for each slowness, in pseudo periods per 1 %. It also has the number of sweeps
+    that did not leave the impact regime.
     """
     own = make_scene()
     rows = []
@@ -272,7 +274,10 @@ def _drift(settings: PaperSettings, size: Size) -> Json:
 
 
 def _levels(settings: PaperSettings, size: Size) -> list[Json]:
-    """Return response levels of sweeps down over their slowness."""
+    """Return the members' response levels in m of sweeps down, a row for each slowness.
+
+    Slowness is in pseudo periods per 1 %.
+    """
     own = make_scene()
     rows = []
     members = draw_members(size.sweeps, settings.seed)
@@ -306,9 +311,10 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
 
 
 def hazard_of(values: Json) -> Hazard | None:
-    """Return the integral of the exit rates, with the factor of the exact sweeps.
+    """Return the integral of the exit rates over the frequency, which predicts the jumps.
 
-    It is None if fewer than two frequencies have a rate.
+    Its factor A is estimated from the exact sweeps if, at some slowness, some of them reach the
+    high branch and some do not. The result is None if fewer than two frequencies have a rate.
     """
     earlier = [row for row in values["rates"] if row["rate"] is not None]
     if len(earlier) < 2:
@@ -387,7 +393,7 @@ def _describe(values: Json) -> str:
     return "\n\n".join(blocks)
 
 
-PANELS = (  # sweeps over the responses of a force: its name, the sweep, style, title
+PANELS = (  # name of the force, name of the sweep, style, title
     ("medium", "down", STYLES[2], "1.5 N, down, 725 periods per 1 %"),
     ("medium", "down, half the rate", STYLES[2], "1.5 N, down, 1450"),
     ("medium", "down, paper's step", STYLES[3], "1.5 N, down, 725, paper's step"),
@@ -398,8 +404,8 @@ PANELS = (  # sweeps over the responses of a force: its name, the sweep, style, 
 def _draw(values: Json) -> Figure:
     """Draw sweeps, exit rates and jumps.
 
-    Sweeps are drawn over the periodic responses, and the share of sweeps that jump over their
-    slowness.
+    Panels with sweeps also show the periodic responses. The last panel shows the share of sweeps
+    that jump as a function of their slowness.
     """
     figure, axes = make_panels(3, 2, 8.2)
     for own, (name, sweep, style, title) in zip(axes.flat, PANELS, strict=False):
@@ -553,10 +559,11 @@ def _jump_claims(values: Json) -> list[Claim]:
 
 
 def _claims(values: Json) -> list[Claim]:
-    """Return the statements that this figure decides.
+    """Return the paper's statements on this figure with their verdicts.
 
-    How long impacts last, where the response without them exists, is judged against the time that a
-    sweep at the paper's rate takes for a percent.
+    The statement "modulation beyond sliding" concerns frequencies at which the response without
+    impacts stays within the gap. The shortest mean time in the impact regime there, the inverse of
+    the exit rate, is compared with the time in which a sweep at the paper's rate covers 1 %.
     """
     alone = values["medium"]["linear"]
     rows = values["levels"]
@@ -597,9 +604,10 @@ def _claims(values: Json) -> list[Claim]:
 
 
 def _judge_faster(values: Json, worst: float) -> Claim:
-    """Judge whether more of the faster sweeps reach the high response.
+    """Return the claim that more of the faster sweeps reach the high branch.
 
-    Each rate is compared with the next one, up to the rate with the most jumps.
+    Each slowness is compared with the next lower one, down to ``worst``: the slowness, in pseudo
+    periods per 1 %, with the highest median level.
     """
     rows = sorted(
         (row for row in values["jumps, exact"] if row["periods_per_percent"] >= worst),
@@ -656,8 +664,8 @@ FIGURE = PaperFigure(
     describe=_describe,
     draw=_draw,
     claims=_claims,
-    # members of sweeps, of jumps, with ten times finer steps, and of stays, whose periods; numbers
-    # of ratios; slownesses of jumps, of levels
+    # full and quick. Members of sweeps, jumps, jumps with the finer step, and runs at constant
+    # frequency; pseudo periods of these; number of frequencies; slownesses of jumps, and of levels
     sizes=(
         Size(
             sweeps=16,

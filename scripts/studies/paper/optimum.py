@@ -1,6 +1,7 @@
-"""The best operating point over mass ratio and restitution, beyond the paper.
+"""The best force of an impact absorber over mass ratio and restitution, beyond the paper.
 
-It is compared with the design rule. The paper has only one mass ratio.
+The best force is the force with the lowest level relative to the structure without absorber. It is
+compared with the design force f*. The paper has only one mass ratio.
 """
 
 from functools import partial
@@ -38,11 +39,16 @@ LABEL = "optimum"
 
 
 def _of_mass(mass: float, settings: PaperSettings, size: Size) -> Json:
+    """Return the design force and the results of each restitution for a mass ratio.
+
+    A row in ``rows`` has the best force in N, the relative level there, both with bands, and the
+    relative levels over the forces (median, and first member).
+    """
     model = modal_model(Beam())
     kilograms = mass * model.beam_mass
     gap = RigidWalls.gap
     rule = design_force(model, kilograms, gap)
-    # the paper's range, begun lower for a mass that lowers the resonance further
+    # the paper's range, extended downwards for a mass that lowers the resonance further
     limits = (min(PAPER_LIMITS[0], 0.97 * near_range(model, kilograms)[0]), PAPER_LIMITS[1])
     forces = rule * np.array(size.factors)
     scenes = [
@@ -82,7 +88,12 @@ def _of_mass(mass: float, settings: PaperSettings, size: Size) -> Json:
 
 
 def read_rows(values: Json) -> list[Json]:
-    """Return a row for each mass and restitution, with the best force over the rule's."""
+    """Return a row for each mass ratio and restitution, from the results by mass ratio.
+
+    ``ratio``: best force over the design force, with its band. ``at_rule``: relative level at the
+    design force. ``nominal_best``: best force over the design force, and relative level there, of
+    the first member.
+    """
     result = []
     for group in values.values():
         over = np.array(group["forces_n"]) / group["rule_n"]
@@ -90,10 +101,7 @@ def read_rows(values: Json) -> list[Json]:
             ratio = [x / group["rule_n"] for x in (row["best_n"], *row["best_band_n"])]
             at_rule = float(np.exp(np.interp(0, np.log(over), np.log(row["relative"]))))
             single = int(np.argmin(row["nominal"]))
-            nominal = [
-                over[single],
-                row["nominal"][single],
-            ]  # best force over the rule's, and the level there
+            nominal = [over[single], row["nominal"][single]]
             result.append(
                 {**group, **row, "nominal_best": nominal, "ratio": ratio, "at_rule": at_rule}
             )
@@ -101,6 +109,7 @@ def read_rows(values: Json) -> list[Json]:
 
 
 def _table(values: Json) -> CsvTable:
+    """Return the table of best forces and levels, a row for each mass ratio and restitution."""
     header = (
         "mass ratio, %",
         "restitution",
@@ -126,9 +135,9 @@ def _table(values: Json) -> CsvTable:
 
 
 def _summary(rows: list[Json]) -> str:
-    """Return a text on the best force relative to that of the rule, by mass ratio.
+    """Return a text on the ratio of best force to design force, by mass ratio.
 
-    It also gives the exponents with which both forces grow with the mass.
+    It ends with the exponents of the power laws by which the two forces grow with the mass.
     """
     masses, restitutions = (sorted({row[name] for row in rows}) for name in ("mass", "restitution"))
     text = [
@@ -149,7 +158,7 @@ def _summary(rows: list[Json]) -> str:
 
 
 def _answer(values: Json) -> str:
-    """Return a sentence on the change of the best force."""
+    """Return a sentence on how the best force changes with mass ratio and restitution."""
     rows = read_rows(values)
     masses = [group["mass"] for group in values.values()]
     light, heavy = (
@@ -164,14 +173,21 @@ def _answer(values: Json) -> str:
 
 
 def _power(rows: list[Json], name: str) -> float:
-    """Return the slope of a force over the mass in logarithms, by least squares."""
+    """Return the exponent of the power law of a force (``name``) over the mass ratio.
+
+    It is fitted to the logarithms by least squares.
+    """
     return float(
         np.polyfit(np.log([row["mass"] for row in rows]), np.log([row[name] for row in rows]), 1)[0]
     )
 
 
 def _claims(values: Json) -> list[Claim]:
-    """Return the verdicts on the mass and on restitution at the optimum."""
+    """Return the verdicts on the level at the best force, for the largest restitution.
+
+    The claims are that the relative level falls with the mass ratio, and that it is below `MUCH`
+    for the lightest absorber.
+    """
     rows = read_rows(values)
     e = max(row["restitution"] for row in rows)
     own = [row for row in rows if row["restitution"] == e]
@@ -202,7 +218,7 @@ def _claims(values: Json) -> list[Claim]:
 
 
 def _draw(values: Json) -> Figure:
-    """Draw the best force over that of the rule, and the level at it, over the mass ratio.
+    """Draw the best force over the design force, and the relative level there, over the mass ratio.
 
     Each restitution has a line.
     """
@@ -235,7 +251,7 @@ FIGURE = PaperFigure(
     measure=lambda settings, size, earlier: measure_groups(
         {f"mass {mass:g}": partial(_of_mass, mass, settings, size) for mass in size.masses}, earlier
     ),
-    sizes=(  # mass ratios, and forces over the rule's
+    sizes=(  # ``factors``: forces over the design force
         Size(
             masses=(0.005, 0.01, 0.02, 0.03, 0.05),
             restitutions=(0.3, 0.5, 0.7, 0.85, 1.0),

@@ -1,6 +1,7 @@
 """The stiff and extreme cases of the stability report.
 
-Each is small, since the reference must reach the first impacts.
+Most cases have few modes and short runs, because the slow reference solution, by dense matrix
+exponentials, must reach the first impacts.
 """
 
 from collections.abc import Callable, Iterator
@@ -45,12 +46,14 @@ METHODS = (EXACT, MOREAU, RUNGE_KUTTA)
 
 @dataclass(frozen=True, eq=False)
 class StabilityCase:
-    """One line of the matrix.
+    """One line of the stability report: a run that each method must compute or refuse.
 
-    ``build`` returns scene, drive and start, or raises ParameterError if the parameters are
-    refused. ``impacts`` is the number of impacts up to which the reference is followed.
-    ``must_refuse``: every method must refuse the case, because it has no correct result.
-    ``conserved``: energy is conserved. ``methods`` are those that take a reasonable time.
+    ``group`` is the quantity that is varied, ``name`` its value. ``build`` returns scene, drive
+    and initial state, or raises ParameterError if the parameters are refused. ``quick``: the case
+    is part of the quick run. ``impacts`` is the number of impacts up to which the reference is
+    computed. ``must_refuse``: every method must refuse the case, because it has no correct result.
+    ``conserved``: the energy must stay constant, because nothing dissipates it. ``methods`` are
+    those tested, without methods that would take too long.
     """
 
     group: str
@@ -77,9 +80,12 @@ def make_case(
     beam: dict[str, object] | None = None,
     **options: object,
 ) -> StabilityCase:
-    """Return a case on the beam at ``ratio`` times the first resonance.
+    """Return a case of a beam with an absorber.
 
-    ``beam`` has the beam's parameters, and ``options`` are those of `StabilityCase`.
+    The drive has a constant ``force`` (N) and frequency, ``ratio`` times the first resonance, for
+    ``periods`` pseudo periods, unless ``drive`` returns another one for the scene. ``start``
+    returns the initial state for the scene; None: at rest. ``beam``: further parameters of `Beam`;
+    ``options``: further fields of `StabilityCase`.
     """
 
     def build() -> tuple[Scene, Drive, InitialState]:
@@ -99,14 +105,14 @@ rubbing = partial(impact, friction_limit=0.1)
 
 
 def soft(stiffness: float = 100 * STATIC, mass_ratio: float = 0.02) -> Absorber:
-    """Return compliant walls of a stiffness in N/m."""
+    """Return an absorber between compliant walls of a ``stiffness`` in N/m."""
     return SlidingAbsorber(mass_ratio, CompliantWalls(stiffness))
 
 
 def elastic(limit: float = 0.1, stiffness: float = STATIC, walls: bool = True) -> Absorber:
-    """Return elastic friction, with or without compliant walls.
+    """Return an absorber with elastic friction, with or without compliant walls.
 
-    ``limit`` is in N and ``stiffness`` in N/m.
+    ``limit`` (N) and ``stiffness`` (N/m) are those of the friction.
     """
     return SlidingAbsorber(
         walls=CompliantWalls(100 * STATIC) if walls else None,
@@ -127,6 +133,7 @@ KINDS: dict[str, Callable[[], Absorber | None]] = {
 
 
 def _ordinary() -> Iterator[StabilityCase]:
+    """Yield a case with ordinary parameters for each kind of absorber."""
     for name, make in KINDS.items():
         yield make_case("ordinary", name, make, modes=10, quick=True)
 
@@ -143,7 +150,7 @@ def _damping() -> Iterator[StabilityCase]:
                 force=50 * max(ratio, 0.1),
                 quick=quick,
             )
-    # short runs: an unstable step has not blown up yet, so its numbers look like numbers
+    # short runs: an unstable step has not overflowed yet, so that its wrong results look plausible
     for ratio, periods in ((3.5, 1.0), (4.5, 0.5), (6.0, 0.3)):
         yield damped(
             f"{ratio:g}, a run of {periods:g} periods",
@@ -231,7 +238,7 @@ def _friction() -> Iterator[StabilityCase]:
         yield make_case(
             "friction limit", f"{limit:g} N, damper", make, modes=10, quick=limit in (1e-6, 1e6)
         )
-    # a start at speed with a limit far above what the beam ever needs: sliding ends at once
+    # a start at 1 m/s with a friction limit far above all other forces: sliding ends at once
     fast = partial(_at, velocity=1.0)
     for limit in (5e3, 2e4, 1e5):
         make = partial(impact_absorber, GAP, 0.7, limit)
@@ -283,8 +290,8 @@ def _masses() -> Iterator[StabilityCase]:
                 quick=name == "impact",
             )
     for ratio in (1e3, 1e5, 1e8, 1e10, 1e14):
-        # above 1e6 the motion of a tip that carries the mass is lost in rounding; sliding along it
-        # is another matter: the mass is the ground then
+        # from 1e8 on, the motion of a tip that carries the mass is lost in rounding: no correct
+        # result; with friction the mass only acts like the ground
         yield make_case(
             "absorber mass",
             f"{ratio:g}, stuck",
@@ -344,10 +351,12 @@ def _drives() -> Iterator[StabilityCase]:
 
 
 def _constant(scene: Scene, periods: float = 6.0) -> FrequencySchedule:
+    """Return a constant frequency near the first resonance, for ``periods`` pseudo periods."""
     return constant_frequency(scene.model.resonance_omega(1), NEAR, periods)
 
 
 def _sweep(scene: Scene) -> Drive:
+    """Return a force of 500 N from 0 to 30 times the first resonance in two pseudo periods."""
     reference = scene.model.resonance_omega(1)
     return Drive(
         500.0,
@@ -358,17 +367,21 @@ def _sweep(scene: Scene) -> Drive:
 
 
 def _near(scene: Scene, force: float, phase: float = 0.0) -> Drive:
-    """Return a constant drive near the first resonance."""
+    """Return a drive of constant ``force`` (N) and frequency, with its ``phase`` (rad) at t = 0."""
     return Drive(force, _constant(scene), phase)
 
 
 def _at(_scene: Scene, displacement: float = 0.0, velocity: float = 0.0) -> InitialState:
+    """Return a structure at rest and an absorber at a displacement (m) and a velocity (m/s)."""
     return InitialState(absorber_displacement=displacement, absorber_velocity=velocity)
 
 
 @lru_cache(maxsize=4)
 def _peak_per_newton(modes: int, periods: float) -> float:
-    """Return the largest tip displacement of the bare beam per newton (m/N)."""
+    """Return the largest tip displacement per newton (m/N) of the beam without absorber.
+
+    The drive is that of `_near` for ``periods`` pseudo periods, from rest.
+    """
     scene = beam_scene(Beam(modes=modes))
     return simulate(
         scene, Drive(1.0, _constant(scene, periods)), record=Record(samples_per_period=512)
@@ -376,11 +389,15 @@ def _peak_per_newton(modes: int, periods: float) -> float:
 
 
 def _peak_at(scene: Scene, displacement: float) -> Drive:
-    """Return a constant drive under which the bare beam's tip reaches a ``displacement`` (m)."""
+    """Return the drive of `_near` whose force moves the tip to a ``displacement`` (m).
+
+    The tip is that of the beam of three modes without absorber.
+    """
     return _near(scene, displacement / _peak_per_newton(3, 6.0))
 
 
 def _grazing() -> Iterator[StabilityCase]:
+    """Yield cases in which the tip just reaches a wall at the absorber at rest, or just not."""
     for excess in (-1e-3, -1e-6, 1e-7, 1e-5, 1e-3):
         drive = partial(_peak_at, displacement=GAP * (1 + excess))
         yield make_case(
@@ -417,15 +434,14 @@ def _starts() -> Iterator[StabilityCase]:
         "start", "outside the cavity, friction", rubbing, start=outside, must_refuse=True
     )
     yield make_case("start", "outside the cavity, compliant", soft, start=outside)
-    nothing = partial(_at, displacement=np.nan)
-    yield make_case("start", "not a number", impact, start=nothing, must_refuse=True)
+    undefined = partial(_at, displacement=np.nan)
+    yield make_case("start", "not a number", impact, start=undefined, must_refuse=True)
 
 
 def _stiffness() -> Iterator[StabilityCase]:
     for power in range(-2, 9):
         stiffness = 10.0**power * STATIC
         make = partial(soft, stiffness)
-        # without walls in reach the softest would be no contact at all: a small gap
         yield make_case(
             "contact stiffness",
             f"1e{power} x 3EI/l^3",
@@ -455,25 +471,25 @@ def _stiffness() -> Iterator[StabilityCase]:
             impacts=1,
             methods=slow,
         )
-        rubbed = partial(
+        with_friction = partial(
             SlidingAbsorber, ratio, CompliantWalls(stiffness), ElasticCoulombFriction(1e-3, STATIC)
         )
         yield make_case(
             "contact stiffness",
             f"{name}, elastic friction",
-            rubbed,
+            with_friction,
             modes=10,
             periods=4,
             impacts=1,
             methods=(EXACT,),
         )
-        damped: dict[str, object] = {"damping_ratio": 0.0}
+        undamped: dict[str, object] = {"damping_ratio": 0.0}
         yield make_case(
             "contact stiffness",
             f"{name}, no damping",
             partial(soft, stiffness, ratio),
             periods=20,
-            beam=damped,
+            beam=undamped,
             methods=(EXACT,),
         )
     for stiffness, damping in (
@@ -495,6 +511,10 @@ def _stiffness() -> Iterator[StabilityCase]:
 
 
 def _on_a_pressing_wall(scene: Scene, velocity: float) -> InitialState:
+    """Return a deflected beam whose lower wall is accelerated towards the absorber.
+
+    The absorber is on this wall and moves away from it with ``velocity`` (m/s).
+    """
     displaced = -2e-3
     return InitialState(
         np.array([displaced]),
@@ -504,9 +524,9 @@ def _on_a_pressing_wall(scene: Scene, velocity: float) -> InitialState:
 
 
 def _pressed() -> Iterator[StabilityCase]:
-    """Yield cases of a wall that keeps pushing the absorber.
+    """Yield cases in which a wall is accelerated towards an absorber on it.
 
-    Impacts follow each other ever faster (e < 1), or in great number (e = 1).
+    The impacts are a chatter for e < 1; for e = 1 they are many.
     """
     for e in (0.5, 0.9, 1.0):
         for velocity in (1e-3, 1e-6, 1e-9):
@@ -526,6 +546,8 @@ def _pressed() -> Iterator[StabilityCase]:
 
 
 def _conserved() -> Iterator[StabilityCase]:
+    """Yield free vibrations without any dissipation."""
+
     def start(scene: Scene) -> InitialState:
         n = scene.model.modes
         return InitialState(np.full(n, 1e-3) / (1 + np.arange(n)) ** 3, absorber_velocity=0.1)
@@ -564,18 +586,19 @@ GROUPS = (
 
 
 def cases(quick: bool = False) -> list[StabilityCase]:
-    """Return all cases, or those of a quick run.
+    """Return all cases, or only those of a quick run.
 
-    A case leaves out the methods that cannot compute its rigid or compliant contact.
+    Methods that cannot compute the rigid or compliant contact of a case are removed from it.
     """
     every = [case for group in GROUPS for case in group()]
     return [_applicable(case) for case in every if case.quick or not quick]
 
 
 def _applicable(case: StabilityCase) -> StabilityCase:
-    """Return the case without methods that cannot compute its scene.
+    """Return the case without the method that cannot compute its scene.
 
-    Other tests cover their refusal.
+    This is Runge-Kutta for rigid contact, and Moreau for compliant contact. A case whose parameters
+    are refused is unchanged.
     """
     try:
         scene, _, _ = case.build()
