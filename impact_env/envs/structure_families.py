@@ -127,7 +127,7 @@ class StructurePool:
     structures : int
         Number of structures from which episodes draw.
     observe_structure : bool
-        Whether the last three features are observed.
+        Whether damping ratio, second frequency and mass ratio of the structure are observed.
 
     """
 
