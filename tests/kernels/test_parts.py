@@ -26,6 +26,7 @@ from impact_env.kernels.compiling.jit import (
     jit_separate,
     jit_view,
 )
+from impact_env.kernels.compiling.numba_check import FIRST_UNTESTED, OLDEST_TESTED
 from impact_env.kernels.exact.linear import linear_lane
 from impact_env.results import Record, Window
 from impact_env.sweep import simulate
@@ -282,6 +283,7 @@ def test_a_separate_function_is_called_also_where_its_caller_is_inlined(
 # --- without numba's internals
 
 
+BEFORE_OLDEST = (OLDEST_TESTED[0], OLDEST_TESTED[1] - 1)
 SMALL_KERNELS = """
 import logging
 logging.basicConfig(format="%(levelname)s %(message)s")
@@ -328,17 +330,17 @@ def test_kernels_compile_by_documented_options_where_numba_has_other_internals(
 @pytest.mark.parametrize(
     ("version", "missing", "expected"),
     [
-        ("0.70.0", None, "not one of the versions tested"),
-        ("0.64.1", None, "not one of the versions tested"),
-        ("0.68.1", "_compile_core", "_FunctionCompiler._compile_core"),
-        ("0.68.1", None, ""),
+        (FIRST_UNTESTED, None, "not one of the versions tested"),
+        (BEFORE_OLDEST, None, "not one of the versions tested"),
+        (OLDEST_TESTED, "_compile_core", "_FunctionCompiler._compile_core"),
+        (OLDEST_TESTED, None, ""),
     ],
 )
 def test_other_versions_and_missing_internals_of_numba_are_noticed(
-    monkeypatch: pytest.MonkeyPatch, version: str, missing: str | None, expected: str
+    monkeypatch: pytest.MonkeyPatch, version: tuple[int, int], missing: str | None, expected: str
 ) -> None:
     monkeypatch.delenv(numba_check.DOCUMENTED_ONLY, raising=False)
-    monkeypatch.setattr(numba, "__version__", version)
+    monkeypatch.setattr(numba, "__version__", "{}.{}.1".format(*version))
     if missing is not None:
         monkeypatch.delattr(_FunctionCompiler, missing)
     obstacle = numba_check.find_obstacle.__wrapped__()
