@@ -2,6 +2,6 @@
 
 This package contains the decorators, the language for vector code, records, and the cache.
 
-In: a function's source, and the types of what it is called with. Out: machine code, from the cache
-where it is kept. Nothing here knows of mechanics.
+In: a function, and the types of its arguments. Out: machine code, loaded from the cache if it has
+been compiled before. No file of this package contains mechanics.
 """

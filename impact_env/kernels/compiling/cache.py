@@ -2,12 +2,12 @@
 
 It is numba's cache, but requires neither a writable folder nor undamaged files.
 
-numba's cache does not notice an edit in an imported module, so the folder carries a hash of the
-package's sources. Nor does it notice a damaged file, and would run what is in it.
+numba's cache does not detect an edit in an imported module, so the folder's name is a hash of the
+package's sources. Nor does it detect a damaged file, whose content it would run.
 
-Within that folder places are relative to the package, so that kernels can be handed on. A wheel for
-Linux brings some, compiled for any processor of the last ten years or so: they are looked up last,
-and only read.
+Within that folder paths are relative to the package, so that compiled kernels can be copied to
+another installation. A wheel for Linux contains some, compiled for any processor of the last ten
+years or so: they are looked up last, and only read.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ from numba.core.caching import (
 PACKAGE = Path(__file__).resolve().parents[1]
 LOG = logging.getLogger("impact_env")
 LOCK_TIMEOUT_S = 60.0  # s to wait for another process that writes into the same folder
-# holds a folder of kernels that came with the package, if any did: never in a checkout
+# folder of the kernels that came with the package; it does not exist in a checkout
 SHIPPED = PACKAGE / "shipped"
-# NUMBA_CPU_NAME and NUMBA_CPU_FEATURES for which those are compiled, and the features that
-# the name stands for
+# NUMBA_CPU_NAME and NUMBA_CPU_FEATURES with which the kernels of the package are compiled, and the
+# processor features that the name stands for
 SHIPPED_CPU = (
     "x86-64-v3",
     "",
@@ -66,15 +66,15 @@ SHIPPED_CPU_FEATURES = {
     "ssse3",
     "xsave",
 }
-# a variable; with the value "host" kernels that came with the package are left alone
+# environment variable; with the value "host", kernels that came with the package are not used
 HOST_VARIABLE = "IMPACT_ENV_KERNELS"
 
 
 def hash_sources(package: Path = PACKAGE) -> str:
-    """Return the hash that names the folder of compiled kernels.
+    """Return the 16 hexadecimal digits that name the folder of compiled kernels.
 
-    It is the hash of all sources below ``package``, of the compiler's versions and of whether the
-    compiler checks bounds.
+    They are from a hash of all sources below ``package``, of the compiler's versions and of whether
+    the compiler checks bounds.
     """
     known = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):
@@ -116,20 +116,19 @@ def find_shipping_obstacle() -> str:
 
 @dataclass(frozen=True)
 class Folders:
-    """The folders of compiled kernels.
+    """The folders of compiled kernels."""
 
-    New kernels are written to ``write``, which is None if no folder is writable. ``read`` is a
-    folder that is only read, such as one of an image, or None.
-    """
-
-    write: Path | None
-    read: Path | None
+    write: Path | None  # new kernels are written here, and read; None: no folder is writable
+    read: (
+        Path | None
+    )  # another folder, only read, such as in a container image; None: there is none
 
 
 def choose_folders(parent: Path | None, name: str) -> Folders:
-    """Return the folders ``name`` in ``parent`` or in the user's temporary folder.
+    """Return the `Folders` called ``name``, below ``parent`` or the user's temporary folder.
 
-    The latter is used if ``parent`` is not writable, or None because no such folder exists.
+    The folder to write to is below the temporary folder if ``parent`` is None or not writable. A
+    folder below ``parent`` that has kernels but is not writable becomes ``read``.
     """
     wanted = None if parent is None else parent / name
     if wanted is not None and _writable(wanted):
@@ -142,12 +141,11 @@ def choose_folders(parent: Path | None, name: str) -> Folders:
 
 @cache
 def find_folders() -> Folders:
-    """Return the folders of compiled kernels of this process.
+    """Return the `Folders` of compiled kernels of this process.
 
-    They are in the virtual environment of this process, in the user's cache, or in the folder that
-    ``IMPACT_ENV_CACHE`` names.
-
-    There are none where numba is told to compile nothing (``NUMBA_DISABLE_JIT=1``).
+    They lie below the folder that the variable ``IMPACT_ENV_CACHE`` names, else below the virtual
+    environment of this process, else below the user's cache. Both are None if nothing is compiled
+    (``NUMBA_DISABLE_JIT=1``). A warning is logged if no folder is writable.
     """
     if numba.config.DISABLE_JIT:
         return Folders(None, None)
@@ -170,17 +168,17 @@ def find_folders() -> Folders:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder to which new kernels of these sources are written.
+    """Return the folder to which new kernels of these sources are written, or None.
 
-    The result is None if no folder is writable.
+    None: no folder is writable, or nothing is compiled (``NUMBA_DISABLE_JIT=1``).
     """
     return find_folders().write
 
 
 def _writable(folder: Path) -> bool:
-    """Return whether a folder can be made and written to.
+    """Return whether a folder can be written to; make it if it does not exist.
 
-    It is tried, because a system's permissions do not always say what it allows.
+    A file is written to find out, because permissions are not always what a system enforces.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -198,7 +196,11 @@ def _holds_kernels(folder: Path) -> bool:
 
 
 def _private_folder() -> Path | None:
-    """Return a temporary folder that only this user can write to: what is read from it is run."""
+    """Return a temporary folder that only this user can write to, None if none can be made.
+
+    Others must not write to it, because code that is read from it is run. If another user owns the
+    usual name, the folder is for this process alone and removed at its exit.
+    """
     try:
         parent = Path(tempfile.gettempdir())
         user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
@@ -225,9 +227,9 @@ def _is_private(folder: Path) -> bool:
 
 
 class _Locator(UserProvidedCacheLocator):
-    """The location of a function's kernels in the folder to write to.
+    """The location of a function's compiled code in the folder to write to.
 
-    numba's own locator would refuse the function if no such folder exists.
+    numba's own locator would refuse the function if no folder is writable.
     """
 
     def __init__(self, py_func: Any, py_file: str) -> None:
@@ -268,8 +270,8 @@ class _ChecksummedFile(IndexDataCacheFile):
 
     numba does not read the digest. A file without a correct digest is treated as absent.
 
-    With its data a kernel's key is kept: where an index was lost, a number in a new one may still
-    be that of another kernel's data.
+    Each data file contains its kernel's key too, and is ignored for another key: after an index was
+    lost, a new index may give a kernel the file number of another kernel's data.
     """
 
     def save(self, key: Any, data: Any) -> None:
@@ -294,7 +296,10 @@ class _ChecksummedFile(IndexDataCacheFile):
 
 
 def _is_undamaged(path: str) -> bool:
-    """Return whether a file ends with the digest of its content; True where there is no file."""
+    """Return whether a file ends with the digest of its content; True if there is no file.
+
+    A warning is logged if it does not.
+    """
     try:
         content = Path(path).read_bytes()
     except FileNotFoundError:
@@ -308,7 +313,8 @@ def _is_undamaged(path: str) -> bool:
 class KernelCache(FunctionCache):
     """numba's cache of a function, with additional folders that are only read.
 
-    It raises no errors where no undamaged file can be read or nothing can be written.
+    It raises no error if no undamaged file can be read or nothing can be written: then the function
+    is compiled, and compiled again in the next process.
     """
 
     _impl_class = _CacheImpl
@@ -349,7 +355,7 @@ class KernelCache(FunctionCache):
             # other's entries
             with FileLock(folder / "lock", timeout=LOCK_TIMEOUT_S):
                 super()._save_overload(sig, data)
-        # a full disk, or a lock that another process never gives back, must not stop a simulation
+        # a full disk, or a lock that another process never releases, must not stop a simulation
         except OSError as error:
             _warn_once(f"compiled kernels cannot be kept: {error}")
 
@@ -360,6 +366,6 @@ def _warn_once(what: str) -> None:
 
 
 def attach_cache(kernel: Any) -> Any:
-    """Attach this cache to a function that numba compiles, and return the function."""
+    """Attach a `KernelCache` to a function that numba compiles, and return the same function."""
     kernel._cache = KernelCache(kernel.py_func)
     return kernel

@@ -2,9 +2,9 @@
 
 Five are for functions that numba compiles, one is for functions in the language of vector code.
 
-Nothing is compiled with numba's fastmath. Where the compiler may reorder sums or contract products
-it does so anew in every library that a function gets into, and of several copies of a function the
-one that was loaded first serves all: results would depend on what a process ran before.
+Nothing is compiled with numba's fastmath. With it the compiler may reorder sums and contract
+products, differently in every library that contains a function; and of several copies of a function
+the one loaded first is used by all callers. So results would depend on earlier calls of a process.
 
 Under NUMBA_DISABLE_JIT=1 nothing is compiled: each decorator returns a function of plain Python
 that gives the same bits.
@@ -30,10 +30,11 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 COMPILED = not numba.config.DISABLE_JIT
 INTEGER = types.int64
 NUMBER = types.float64
-_KINDS = {"Index": INTEGER, "Number": NUMBER}  # by the annotation
+_KINDS = {"Index": INTEGER, "Number": NUMBER}  # type of an argument by its annotation
 
-# Without numba's reference counts, whose atomic operations cost a fifth of an exact lane: such a
-# function must not make or return an array. And without the wrapper for callers in C.
+# Options without numba's reference counts (``_nrt``), whose atomic operations cost a fifth of the
+# time of an exact lane: such a function must not make or return an array. And without the wrapper
+# for callers in C.
 _PLAIN: dict[str, Any] = {
     "nogil": True,
     "no_cfunc_wrapper": True,
@@ -54,9 +55,9 @@ def _njit(**options: Any) -> Callable[[Any], Any]:
 
 
 def jit(function: _F) -> _F:
-    """Compile a function that makes no arrays.
+    """Compile a function that neither makes nor returns arrays.
 
-    fastmath is never used. Sums over slots are written as vector code (vector_code.py).
+    Sums over slots are written as vector code (vector_code.py), since fastmath is not used.
     """
     return _njit(**_PLAIN)(function)  # type: ignore[no-any-return]
 
@@ -64,42 +65,52 @@ def jit(function: _F) -> _F:
 def jit_allocating(function: _F) -> _F:
     """Compile like `jit` a function that makes or returns arrays, or that calls such a function.
 
-    Such a function is called once a run and never in a loop.
+    Its arrays have reference counts, which take time: keep it out of the innermost loops.
     """
     return _njit(**{**_PLAIN, "_nrt": True})(function)  # type: ignore[no-any-return]
 
 
 def jit_inline(function: _F) -> _F:
-    """Compile like `jit` and inline at every call: small functions in the innermost loop."""
+    """Compile like `jit`, and let LLVM inline at every call.
+
+    It is for small functions in the innermost loops, and for functions with many arrays as
+    arguments.
+    """
     return _njit(**_PLAIN, forceinline=True)(function)  # type: ignore[no-any-return]
 
 
 def jit_separate(function: _F) -> _F:
-    """Compile like `jit`, as a function of its own also where its caller is inlined.
+    """Compile like `jit`, and do not inline, even if the calling function is always inlined.
 
-    It is for large functions outside the innermost loops. Each copy of one, with copies of all that
-    it calls, would add to the time of compilation.
+    It is for large functions outside the innermost loops. Each copy of such a function, with copies
+    of all functions that it calls, would add to the time of compilation.
     """
     return _njit(**_PLAIN, forceinline=False)(function)  # type: ignore[no-any-return]
 
 
 def jit_view(function: _F) -> _F:
-    """Compile like `jit`, and always inline on numba's level.
+    """Compile like `jit`, and let numba inline at every call, before types are inferred.
 
-    It is for helper functions that return views, which select arrays from larger ones.
+    It is for helper functions that return views of arrays, which `jit` alone cannot return.
     """
     return _njit(**_PLAIN, inline="always")(function)  # type: ignore[no-any-return]
 
 
 def vector_code(kind: Any = types.void, several: int = 0) -> Callable[[Callable[..., Any]], Any]:
-    """Make a function that kernels call from a function of `Code` and of arguments.
+    """Return a decorator that makes a function in the language of vector code callable.
 
-    The new function takes the arguments only. It returns a ``kind``, or a tuple of ``several`` of
-    this kind.
+    The decorated function takes a `Code` and arguments, and returns a `Number`, an `Index`, a list
+    of these, or None. Kernels call the resulting function with the arguments alone.
 
-    An argument annotated as an `Index` or a `Number` is taken for a whole or a floating number;
-    arrays and named tuples have no annotation. The function returns a `Number`, an `Index`, a list
-    of such or nothing.
+    Parameters
+    ----------
+    kind : numba type
+        Type of the result: NUMBER, INTEGER, or void for a function without result.
+    several : int
+        Number of results if they are a tuple of ``kind``; 0: one result, or none.
+
+    Arguments annotated as `Index` or `Number` are converted to int64 or float64; arrays and named
+    tuples have no annotation.
     """
     returns = types.UniTuple(kind, several) if several else kind
 

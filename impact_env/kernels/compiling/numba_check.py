@@ -5,8 +5,8 @@ the time. It relies on internals of numba. Where the installed version is not on
 or lacks one of these internals, kernels are compiled by documented options of numba alone: the same
 results up to rounding, and more time to compile.
 
-Branches on ``is None`` are pruned in both cases (passes.py): without that pass the kernels do not
-type.
+Branches on ``is None`` are pruned in both cases (passes.py): without that pass numba cannot infer
+the kernels' types.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ from numba.core.untyped_passes import InlineInlinables
 from impact_env.kernels.compiling.passes import PrunePresent
 
 LOG = logging.getLogger("impact_env")
-OLDEST_TESTED = (0, 65)
+OLDEST_TESTED = (0, 65)  # version of numba
 FIRST_UNTESTED = (0, 70)
-DOCUMENTED_ONLY = "IMPACT_ENV_DOCUMENTED_NUMBA"  # a variable; "1": no internals are used
+# environment variable; "1": no internals are used
+DOCUMENTED_ONLY = "IMPACT_ENV_DOCUMENTED_NUMBA"
 # classes of numba with the methods that numba_internals.py calls or replaces
 INTERNALS = {
     "numba.core.codegen.JITCodeLibrary": (
@@ -65,7 +66,7 @@ def find_obstacle() -> str:
 
 @cache
 def warn_of_obstacle() -> None:
-    """Warn once that kernels are compiled by documented options of numba alone."""
+    """Log a warning, once, that kernels are compiled by documented options of numba alone."""
     LOG.warning(
         "kernels are compiled by documented options of numba alone, which takes longer: %s",
         find_obstacle(),
@@ -73,10 +74,10 @@ def warn_of_obstacle() -> None:
 
 
 class PruningPipeline(Compiler):  # type: ignore[misc]
-    """numba's passes, and the one that prunes branches on ``is None``."""
+    """numba's compiler with the additional pass `PrunePresent`."""
 
     def define_pipelines(self) -> list[Any]:
-        """Return numba's passes with one more."""
+        """Return numba's pass managers, with `PrunePresent` in each."""
         managers: list[Any] = super().define_pipelines()
         for manager in managers:
             manager.add_pass_after(PrunePresent, InlineInlinables)
@@ -87,7 +88,8 @@ class PruningPipeline(Compiler):  # type: ignore[misc]
 def compile_documented(function: Callable[..., Any], **options: Any) -> Any:
     """Return a kernel that numba compiles with documented options only.
 
-    It is compiled again in each process.
+    Other ``options`` of ``njit`` are ignored. The kernel has no cache: it is compiled again in each
+    process.
     """
     warn_of_obstacle()
     known = {name: value for name, value in options.items() if name in DOCUMENTED_OPTIONS}

@@ -1,13 +1,12 @@
 """A kernel that Python calls is compiled in one piece with all the kernels that it calls.
 
-numba optimises every function with what it calls, and makes machine code of it, before its caller
-does the same once more: with calls a dozen deep most of that is thrown away. Here a kernel that is
-met while another is compiled stays LLVM's intermediate code, a `Part`; only the kernel called from
-Python, a `Kernel`, is optimised and becomes machine code, with all its parts at once. So what it
-computes does not depend on what else a process has compiled. And two things are left out before
-types are inferred, which numba would compile and LLVM then drop: branches for an argument, or a
-field of one, that is None where it is not, and a function compiled once more for each constant that
-it is called with.
+numba optimises every function together with the functions that it calls, and makes machine code of
+it; then the same happens to its caller. With calls a dozen deep most of this work is discarded.
+Here a kernel that another kernel calls stays LLVM's intermediate code, a `Part`; only the kernel
+called from Python, a `Kernel`, is optimised and becomes machine code, with all its parts at once.
+So its results do not depend on other kernels that a process has compiled. Two further savings:
+branches that the type of an optional argument excludes are removed before types are inferred
+(passes.py), and a function is not compiled again for each constant that it is called with.
 
 Inlining. In numba a function called by one that is always inlined is always inlined itself, unless
 its decorator says otherwise (`jit_separate`). So most of a lane becomes one function, which is fast
@@ -40,8 +39,8 @@ from impact_env.kernels.compiling.parts import (
 )
 
 # changed under the compiler's lock
-_nested = 0  # kernels under way, one within the other
-_inlining_limited = False  # whether the outermost of them is inlined sparingly
+_nested = 0  # number of kernels that are being compiled, one within the other
+_inlining_limited = False  # whether the outermost of them has a `limit_inlining` group
 
 
 def _limits_inlining(kind: Any) -> bool:
@@ -52,7 +51,11 @@ def _limits_inlining(kind: Any) -> bool:
 
 @contextmanager
 def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
-    """Count a kernel that is being compiled; the outermost decides how far all are inlined."""
+    """Count a kernel that is being compiled, within the context, under numba's compiler lock.
+
+    ``args`` are the types of its arguments; those of the outermost kernel decide for all nested
+    ones whether inlining is limited.
+    """
     global _nested, _inlining_limited
     with global_compiler_lock:
         if not _nested:
@@ -71,30 +74,30 @@ class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
     """
 
     def finalize(self) -> None:
-        """End it without machine code."""
+        """Finish the library without machine code, for linking into a `WholeLibrary`."""
         self._raise_if_finalized()
         self._finalize_dynamic_globals()
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage.name == "external":
-                # as numba's own for linking: may be there twice, inlined and dropped
+                # like numba's own functions for linking: may exist twice, be inlined or dropped
                 function.linkage = "linkonce_odr"
         self._shared_module = self._final_module
         self._finalized = True
 
 
 class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """A kernel's code with that of all its parts."""
+    """The machine code of a kernel and of all its parts."""
 
     def finalize(self) -> None:
-        """Link all parts, also those of parts, each once; optimise, and make machine code."""
+        """Link all parts and their parts, each once; optimise, and make machine code."""
         self._linking_libraries = order_libraries(self._linking_libraries)
         super().finalize()
 
 
 def order_libraries(libraries: Sequence[CodeLibrary]) -> list[CodeLibrary]:
-    """Return libraries and everything that they link in the order that LLVM's linker needs.
+    """Return libraries, and all libraries that they link, in the order that LLVM's linker needs.
 
-    Users precede their dependencies.
+    A library precedes the libraries that it uses. Each is listed once.
     """
     visited: set[CodeLibrary] = set()
     backwards: list[CodeLibrary] = []
@@ -114,7 +117,7 @@ def order_libraries(libraries: Sequence[CodeLibrary]) -> list[CodeLibrary]:
 
 
 class _Pipeline(PruningPipeline):
-    """The passes of kernels, with a library of its own kind."""
+    """The passes of kernels, which write into a library of the class ``library_class``."""
 
     library_class: type[JITCodeLibrary]
 
@@ -134,7 +137,7 @@ class _WholePipeline(_Pipeline):
 
 
 class _PartCompiler(_FunctionCompiler):  # type: ignore[misc]
-    """Compiles without machine code, and without the wrapper for callers in Python."""
+    """A compiler that makes neither machine code nor the wrapper for callers in Python."""
 
     def _customize_flags(self, flags: Any) -> Any:
         flags.no_compile = flags.no_cpython_wrapper = True
@@ -142,14 +145,17 @@ class _PartCompiler(_FunctionCompiler):  # type: ignore[misc]
 
     def _compile_core(self, args: Any, return_type: Any) -> Any:
         result = super()._compile_core(args, return_type)
-        name = object()  # what callers find the part by, in place of a function of machine code
+        name = object()  # key by which callers find the part, in place of a pointer to a function
         result.library._ensure_finalized()
         result.target_context.insert_user_function(name, result.fndesc, [result.library])
         return result._replace(entry_point=name)
 
 
 class _LimitedInliningCompiler(_PartCompiler):
-    """Inlines a part everywhere only if it asks for it itself, not for its caller's sake."""
+    """A compiler that always inlines a part only if its own decorator says so.
+
+    That its caller is always inlined has no effect.
+    """
 
     def _customize_flags(self, flags: Any) -> Any:
         flags.forceinline = bool(self.targetoptions.get("forceinline"))
@@ -164,37 +170,15 @@ class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
             result = super()._compile_core(args, return_type)
         for environment in (
             result._find_referenced_environments()
-        ):  # those of the parts, which no machine code of their own has set
+        ):  # those of the parts, which have no machine code that would set them
             result.codegen.set_env(environment.env_name, environment)
         return result
 
 
 class Part(CPUDispatcher):  # type: ignore[misc]
-    """A part of a study: values that are measured together and stored in one JSON file.
+    """A kernel as other kernels call it: LLVM's intermediate code without machine code.
 
-    Attributes
-    ----------
-    name, title : str
-        Name of the file, and title.
-    measure : callable
-        ``measure(settings, known)`` yields all known values after each step; the last ones are
-        stored, even after an interruption. ``known`` are the values of an earlier run to continue,
-        else empty.
-    markers : tuple of str
-        Markers of the page's sections.
-    sections : callable
-        Returns the text between the markers.
-    steps : callable or None
-        Number of steps, None if ``measure`` shows its own progress.
-    tables, figures : callable
-        CSV files, and figures by file name (PNG without ending).
-    summary : callable or None
-        Printed text; None: the sections.
-    failures : callable
-        Failures, for which the exit code is 1.
-    key_values : callable
-        Values on which all others depend. A part continues from its file if they are the same in
-        it.
+    Python cannot call it.
     """
 
     def __init__(
@@ -204,7 +188,7 @@ class Part(CPUDispatcher):  # type: ignore[misc]
         self._compiler = compiler(function, self.targetdescr, options, {}, _PartPipeline)
 
     def compile(self, signature: Any) -> Any:
-        """Compile for a caller in a kernel.
+        """Compile for a caller in a kernel, once for each signature; return the key of the part.
 
         numba's timers are left out, because they would be triggered by every nested part.
         """
@@ -220,24 +204,25 @@ class Part(CPUDispatcher):  # type: ignore[misc]
 class Kernel(CPUDispatcher):  # type: ignore[misc]
     """A kernel as it is called from Python.
 
-    Callers within kernels get its `part` or its `limited_part` instead.
+    Kernels that call it use its `part` or its `limited_part` instead. ``wait`` is None, or a
+    function that returns when another process has finished compiling this kernel.
     """
 
     def __init__(self, function: Callable[..., Any], _locals: Any, options: dict[str, Any]) -> None:
         super().__init__(function, {}, options, _WholePipeline)
         self._compiler = _WholeCompiler(function, self.targetdescr, options, {}, _WholePipeline)
         self.wait: Callable[[], object] | None = (
-            None  # for another process, which is compiling this kernel
+            None  # set in prepare.py while another process compiles this kernel
         )
 
     @cached_property
     def part(self) -> Part:
-        """What other kernels call."""
+        """The `Part` that other kernels call."""
         return Part(self.py_func, self.targetoptions, _PartCompiler)
 
     @cached_property
     def limited_part(self) -> Part:
-        """What other kernels call whose inlining is limited."""
+        """The `Part` that kernels with limited inlining call."""
         return Part(self.py_func, self.targetoptions, _LimitedInliningCompiler)
 
     @property
@@ -245,11 +230,11 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         return self.limited_part if _inlining_limited else self.part
 
     def compile(self, signature: Any) -> Any:
-        """Compile for a caller in Python, or in a function that is no kernel.
+        """Compile for a caller in Python, or in a numba function that is no kernel.
 
-        Code that another process has compiled is loaded instead.
-
-        That is done by a thread of its own, unless this one compiles something already.
+        Code that is in the cache is loaded instead. Either runs in a separate thread, unless the
+        current thread is compiling already. Raises NotCached under `only_cached`, and
+        CompilationAbandoned under `abandon_compilations`.
         """
         if global_compiler_lock.is_locked():
             return self._compile(signature)
@@ -262,9 +247,10 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
             return super().compile(signature)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return the signature for a caller's type inference.
+        """Return numba's template of a call, for a caller's type inference.
 
-        Within kernels constants are passed as numbers, so that one part serves all callers.
+        Within kernels the types of constants are replaced by those of numbers, so that one part
+        serves all callers.
         """
         if not _nested:
             return super().get_call_template(args, kws)
@@ -274,10 +260,10 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         )
 
     def get_overload(self, signature: Any) -> Any:
-        """Return the function that the caller's code calls."""
+        """Return the entry point for a caller: of the `Part` within kernels, else the kernel's."""
         return self._called.get_overload(signature) if _nested else super().get_overload(signature)
 
 
 def kernel(function: Callable[..., Any], **options: Any) -> Kernel:
-    """Return a kernel that is compiled when it is first called."""
+    """Return a `Kernel` that is compiled when it is first called; ``options`` as of ``njit``."""
     return Kernel(function, {}, {"nopython": True, "boundscheck": None, **options})

@@ -1,6 +1,7 @@
-"""The parts of the compilation of kernels that callers of kernels need.
+"""Controls of compilation that callers of kernels need.
 
-They are events, waiting, limits of inlining, and loading without compiling.
+They are the name of numba's event, waiting in a thread, limits of inlining, and loading without
+compiling.
 """
 
 from __future__ import annotations
@@ -11,31 +12,33 @@ from contextvars import ContextVar, copy_context
 from threading import Thread
 from typing import TypeVar
 
-# an event as numba tells them: a kernel is compiled for a caller in Python, with all its parts
+# name of the numba event that a kernel, with all its parts, is compiled for a caller in Python
 COMPILING = "impact_env:compile"
-ONLY_CACHED = ContextVar("only_cached", default=False)
+ONLY_CACHED = ContextVar("only_cached", default=False)  # whether `only_cached` is in effect
 _Group = TypeVar("_Group", bound=type)
 _Result = TypeVar("_Result")
-INLINING_LIMITED: set[type] = set()
+INLINING_LIMITED: set[type] = set()  # classes declared by `limit_inlining`
 
 
 def limit_inlining(group: _Group) -> _Group:
-    """Declare that kernels with this named tuple as an argument are inlined less.
+    """Declare that parts of kernels with this named tuple as an argument are inlined less.
 
-    The named tuple may be an argument itself or a part of one.
+    It is a class decorator that returns the same class. The named tuple may be an argument of the
+    kernel called from Python, or an element of one. See numba_internals.py.
     """
     INLINING_LIMITED.add(group)
     return group
 
 
 class CompilationAbandoned(Exception):  # noqa: N818 - no error: the program was interrupted
-    """A thread does not wait any longer for a kernel that another one compiles."""
+    """Raised in a thread that stops waiting for a kernel that another thread compiles."""
 
 
-# how often a thread that waits for a compilation notices signals and `abandon_compilations`
+# interval at which a thread that waits for a compilation checks for signals and for
+# `abandon_compilations`
 _POLL_INTERVAL_S = 0.05
 _compiling_threads: set[Thread] = set()
-_abandoning = 0  # how many callers of `abandon_compilations` there are
+_abandoning = 0  # number of contexts of `abandon_compilations` that are open
 
 
 @contextmanager
@@ -54,14 +57,15 @@ def abandon_compilations() -> Iterator[None]:
 
 
 def is_compiling() -> bool:
-    """Return whether a kernel is being compiled, also one that nobody waits for."""
+    """Return whether a thread of `run_in_thread` is at work, even if its caller no longer waits."""
     return any(thread.is_alive() for thread in tuple(_compiling_threads))
 
 
 def run_in_thread(work: Callable[[], _Result]) -> _Result:
-    """Return the result of ``work``, which runs in its own thread.
+    """Run ``work`` in a thread of its own, wait for it, and return its result or raise its error.
 
-    An interrupt abandons this thread, because LLVM does not respond to signals for up to a minute.
+    An interrupt of the waiting thread, or `abandon_compilations`, ends the wait while the work
+    continues: LLVM does not respond to signals for up to a minute.
     """
     results: list[_Result] = []
     errors: list[BaseException] = []
@@ -88,14 +92,14 @@ def run_in_thread(work: Callable[[], _Result]) -> _Result:
 
 
 class NotCached(Exception):  # noqa: N818 - no error: an answer
-    """A kernel would have to be compiled."""
+    """Raised under `only_cached` by a kernel that would have to be compiled."""
 
 
 @contextmanager
 def only_cached() -> Iterator[None]:
-    """Load kernels from the cache only, in this thread and context.
+    """Load kernels from the cache only, in this thread and within the context.
 
-    Raises `NotCached` for a kernel that would have to be compiled.
+    A call of a kernel that is neither loaded nor in the cache raises `NotCached`.
     """
     token = ONLY_CACHED.set(True)
     try:

@@ -17,11 +17,11 @@ from numba.core.untyped_passes import DeadBranchPrune
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class PrunePresent(DeadBranchPrune):  # type: ignore[misc]
-    """Prune branches on ``is None`` before typing, also for arguments that are not None.
+    """Prune branches on ``is None`` before type inference, also for arguments that are not None.
 
-    numba's pass drops the branch for a present part where the argument is None. This one also
-    drops the branch for None where the part is present, and does both for a field of a named
-    tuple, ``group.part`` or ``part = group.part``.
+    numba's pass removes the branch for a value if the argument is None. This pass also removes the
+    branch for None if the argument has a value, and does both for a field of a named tuple,
+    ``group.part`` or ``part = group.part``.
     """
 
     _name = "impact_env_prune_present"
@@ -29,7 +29,7 @@ class PrunePresent(DeadBranchPrune):  # type: ignore[misc]
     def run_pass(self, state: Any) -> bool:
         """Replace each test that the types decide by a constant, then run numba's pass.
 
-        numba's pass removes branches on constants.
+        numba's pass removes branches on constants. Returns whether it changed the code.
         """
         code = state.func_ir
         for block in code.blocks.values():
@@ -44,9 +44,10 @@ class PrunePresent(DeadBranchPrune):  # type: ignore[misc]
 
 
 def _kind_of(code: ir.FunctionIR, args: Sequence[types.Type], value: Any) -> types.Type | None:
-    """Return the type of an argument or of a named tuple's field, or None for other values.
+    """Return the numba type of an argument or of a named tuple's field, None for other values.
 
-    The named tuple is an argument, or a field of such a named tuple.
+    The named tuple is an argument, or itself a field of such a named tuple. ``args`` are the types
+    of the arguments.
     """
     source = ir_utils.guard(ir_utils.get_definition, code, value)
     if isinstance(source, ir.Arg):
@@ -59,9 +60,9 @@ def _kind_of(code: ir.FunctionIR, args: Sequence[types.Type], value: Any) -> typ
 
 
 def _is_none(code: ir.FunctionIR, args: Sequence[types.Type], test: Any) -> bool | None:
-    """Return the truth of ``x is None`` or ``x is not None``.
+    """Return the value of a test ``x is None`` or ``x is not None``, if types decide it.
 
-    The result is None if types do not decide it, and for any other expression.
+    The result is None if they do not, and for any other expression.
     """
     if not (
         isinstance(test, ir.Expr)

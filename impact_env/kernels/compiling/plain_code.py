@@ -2,8 +2,8 @@
 
 NumPy executes each operation immediately, with bitwise equal results.
 
-What vector_code.py builds of others' methods, as sums, is inherited. Loops are loops, branches are
-branches, and a debugger sees numbers.
+Methods that vector_code.py builds from other methods, such as sums, are inherited. Loops and
+branches are those of Python, and a debugger shows numbers.
 """
 
 from __future__ import annotations
@@ -22,12 +22,11 @@ from impact_env.kernels.compiling.vector_code import LANES, Code, Number
 
 @cache
 def fused() -> Callable[[float, float, float], float]:
-    """Return a function for fused multiplication and addition.
+    """Return a function fma(a, b, c) = a b + c of floats, rounded once.
 
-    It is that of the C library or, if the library has none, of Python from 3.13 on.
+    It is the function of the C library, else ``math.fma`` of Python 3.13 and later.
 
-    Raises RuntimeError if there is none that rounds once: results would differ from those of
-    compiled kernels.
+    Raises RuntimeError if neither rounds once: results would differ from those of compiled kernels.
     """
     for find in (_of_the_library, lambda: math.fma):  # type: ignore[attr-defined]
         try:
@@ -52,7 +51,7 @@ def _of_the_library() -> Callable[[float, float, float], float]:
 
 
 class PlainNumber(Number):
-    """A number, a float64, or a vector of them, an array."""
+    """A number (``value`` is a float64) or a vector (``value`` is an array of them)."""
 
     def __init__(self, value: Any) -> None:
         self.value = value
@@ -117,14 +116,14 @@ class PlainNumber(Number):
 
 
 class PlainVariable:
-    """A number or an index that may be replaced."""
+    """A number or an index that later code may replace: ``value``."""
 
     def __init__(self, first: Any) -> None:
         self.value = first
 
 
 class PlainFields:
-    """A named tuple, its fields `opened`."""
+    """A named tuple whose fields are read in the form that `opened` returns."""
 
     def __init__(self, group: Any) -> None:
         self._group = group
@@ -134,9 +133,10 @@ class PlainFields:
 
 
 def opened(value: Any) -> Any:
-    """Return an argument in the form that vector code takes.
+    """Return an argument of a kernel in the form that vector code uses.
 
-    It is a flat array, a named tuple's fields by their names, a number, a whole number, or None.
+    An array becomes a flat view, a named tuple `PlainFields`, a float a `PlainNumber`; an int and
+    None are returned as they are.
     """
     if isinstance(value, np.ndarray):
         return value.view().reshape(-1, copy=False)
@@ -146,7 +146,7 @@ def opened(value: Any) -> Any:
 
 
 def _within(pointer: Any, index: int, count: int) -> slice:
-    """Return the positions of ``count`` numbers from an index on.
+    """Return the slice of ``count`` numbers of an array from an index on.
 
     Raises IndexError for positions beyond the array, where machine code would read or write other
     memory.
@@ -157,7 +157,7 @@ def _within(pointer: Any, index: int, count: int) -> slice:
 
 
 class PlainCode(Code):
-    """Numbers and vectors, computed at once."""
+    """The operations of vector code, computed at once."""
 
     def __init__(self) -> None:
         self.lanes = LANES

@@ -1,14 +1,15 @@
-"""A small language for vector code, that is for loops over slots or times.
+"""A small language for vector code: loops over slots or times with vector instructions.
 
 Results do not depend on which other code is compiled in the same library.
 
-numba's own loops become vectors only where sums may be reordered and products contracted, and then
-the compiler chooses the order anew in each library that a function gets into: one source, several
-results. Here order and contraction are written down. Nothing may be reordered, and a product and a
-sum are one rounding where ``fma`` says so, on any processor.
+numba's own loops become vector instructions only if sums may be reordered and products contracted.
+Then the compiler chooses an order in each library that contains a function, so that one source has
+several results. Here the order is written down and nothing is reordered; product and sum are
+rounded together only in ``fma``, on any processor.
 
-The classes of this module write LLVM's code for what is asked of them; those of plain_code.py have
-the same methods and compute at once.
+A function of the language runs once, when a kernel is compiled: each operation emits LLVM's code. A
+``for`` over `Code.loop`, `Code.where` or `Code.either` emits a loop or a branch around the code of
+its body. The classes of plain_code.py have the same methods and compute at once.
 """
 
 from __future__ import annotations
@@ -19,15 +20,15 @@ from typing import Any, NamedTuple
 from llvmlite import ir
 from numba.core import cgutils, types
 
-LANES = 4  # the number of slots is padded to a multiple of it
+LANES = 4  # numbers in a vector; the number of slots is padded to a multiple of it
 
 DOUBLE = ir.DoubleType()
 INDEX = ir.IntType(64)
-PLACE = ir.IntType(32)
+PLACE = ir.IntType(32)  # position of an element within a vector
 
 
 def _function(builder: Any, name: str, kind: Any, arguments: int) -> Any:
-    """Return one of the compiler's own functions of numbers or vectors of one kind."""
+    """Return LLVM's function called ``name`` for numbers or vectors of the type ``kind``."""
     suffix = f"v{kind.count}f64" if isinstance(kind, ir.VectorType) else "f64"
     return cgutils.get_or_insert_function(
         builder.module, ir.FunctionType(kind, [kind] * arguments), f"llvm.{name}.{suffix}"
@@ -35,9 +36,9 @@ def _function(builder: Any, name: str, kind: Any, arguments: int) -> Any:
 
 
 class Index:
-    """A whole number, or the result of a comparison, of the code under construction.
+    """An integer, or the result of a comparison, that the emitted code computes.
 
-    The other operand of an operation may be a known number.
+    The other operand of an operation may be an int of Python.
     """
 
     def __init__(self, builder: Any, value: Any) -> None:
@@ -90,7 +91,10 @@ class Index:
 
 
 class Number:
-    """A number, or a vector of numbers, of the code under construction."""
+    """A float64, or a vector of them, that the emitted code computes.
+
+    Both operands of an operation have the same size (`count`).
+    """
 
     def __init__(self, builder: Any, value: Any) -> None:
         self.builder = builder
@@ -129,7 +133,7 @@ class Number:
         )
 
     def least(self, other: Number) -> Number:
-        """Return the smaller one, element by element."""
+        """Return the smaller number, element by element; ``other`` if either is not a number."""
         return Number(
             self.builder,
             self.builder.select(
@@ -138,7 +142,7 @@ class Number:
         )
 
     def largest(self, other: Number) -> Number:
-        """Return the larger one, element by element."""
+        """Return the larger number, element by element; ``other`` if either is not a number."""
         return Number(
             self.builder,
             self.builder.select(
@@ -161,11 +165,11 @@ class Number:
 
     @property
     def count(self) -> int:
-        """Number of elements, 0 of a number that is no vector."""
+        """Number of elements of a vector, 0 of a single number."""
         return self.value.type.count if isinstance(self.value.type, ir.VectorType) else 0
 
     def folded(self) -> Number:
-        """Return the sum of the vector's two halves."""
+        """Return a vector of half the size: the sum of the vector's two halves."""
         half = self.count // 2
         undefined = ir.Constant(self.value.type, ir.Undefined)
         orders = (_order(range(first, first + half)) for first in (0, half))
@@ -176,9 +180,9 @@ class Number:
         return low + high
 
     def total(self) -> Number:
-        """Return the sum of the elements, whose number is a power of two.
+        """Return the sum of the elements of a vector, whose size is a power of two.
 
-        Halves are added until one element is left.
+        Halves are added until one number is left.
         """
         number = self
         while number.count > 2:
@@ -187,7 +191,7 @@ class Number:
         return first + second
 
     def not_positive(self) -> Any:
-        """Return an integer whose bit k says that element k is not above zero (or not a number)."""
+        """Return an `Index` whose bit k is set if element k is zero, negative or not a number."""
         builder = self.builder
         count = self.value.type.count
         bits = builder.fcmp_unordered("<=", self.value, ir.Constant(self.value.type, [0.0] * count))
@@ -195,25 +199,25 @@ class Number:
 
 
 class Complex(NamedTuple):
-    """A complex number, or a vector of them."""
+    """A complex number, or a vector of complex numbers."""
 
     real: Number
     imag: Number
 
     def times(self, other: Complex) -> Complex:
-        """Return the product."""
+        """Return the product, with one fused operation in each part."""
         return Complex(
             self.real.fma(other.real, -(self.imag * other.imag)),
             self.real.fma(other.imag, self.imag * other.real),
         )
 
     def real_of_product(self, other: Complex) -> Number:
-        """Return the real part of the product."""
+        """Return the real part of the product, as of `times`."""
         return self.real.fma(other.real, -(self.imag * other.imag))
 
 
 class LoopVariable:
-    """A `Number` or an `Index` that may be replaced, as within a loop."""
+    """A `Number` or an `Index` that later code may replace, such as in each turn of a loop."""
 
     def __init__(self, first: Any) -> None:
         self._kind = type(first)
@@ -222,7 +226,7 @@ class LoopVariable:
 
     @property
     def value(self) -> Any:
-        """What it is now."""
+        """The current value; assign to it to replace it."""
         return self._kind(self._builder, self._builder.load(self._place))
 
     @value.setter
@@ -231,7 +235,10 @@ class LoopVariable:
 
 
 class Sum:
-    """A sum that a loop adds to: numbers, or vectors of any of some sizes."""
+    """A sum that begins at 0, with a part for each size of summands (0: numbers).
+
+    Add by ``+=`` or `add_product`; the part of a summand is that of its size.
+    """
 
     def __init__(self, code: Code, sizes: Iterable[int]) -> None:
         self.parts = {size: code.variable(code.repeated(0.0, size)) for size in sizes}
@@ -242,12 +249,12 @@ class Sum:
         return self
 
     def add_product(self, one: Number, other: Number) -> None:
-        """Add the product of two, rounded once."""
+        """Add the product of two numbers or vectors by a fused operation, rounded once."""
         part = self.parts[one.count]
         part.value = one.fma(other, part.value)
 
     def number(self) -> Number:
-        """Return the sum so far, vectors of other sizes folded to the smallest."""
+        """Return the sum so far, with larger vectors folded to the smallest size."""
         numbers: list[Number] = [
             self.parts[size].value for size in sorted(self.parts, reverse=True)
         ]
@@ -259,14 +266,14 @@ class Sum:
         return total
 
     def total(self) -> Number:
-        """Return the sum of all elements so far."""
+        """Return the sum of all elements so far, a single number."""
         return self.number().total()
 
 
 class Fields:
-    """A named tuple of the code under construction, with its fields by their names.
+    """A named tuple in the emitted code; its fields are read by their names, as of `opened`.
 
-    Fields that are never read generate no code.
+    Fields that are never read emit no code.
     """
 
     def __init__(self, context: Any, builder: Any, kind: Any, value: Any) -> None:
@@ -286,10 +293,10 @@ class Fields:
 
 
 def opened(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """Return an argument in the form that vector code takes.
+    """Return an argument of a kernel in the form that vector code uses.
 
-    It is a pointer to the numbers of a contiguous array, a named tuple's `Fields`, None, or
-    otherwise a number.
+    An array, which must be contiguous, becomes a pointer to its numbers, a named tuple `Fields`, a
+    float a `Number`, an integer an `Index`; None stays None. ``kind`` is the numba type.
     """
     if isinstance(kind, types.Array):
         return context.make_array(kind)(context, builder, value).data
@@ -301,7 +308,10 @@ def opened(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 
 class Code:
-    """Numbers and vectors of a function under construction."""
+    """The operations of vector code that emit LLVM's code of a function.
+
+    ``lanes`` is the size of vectors where none is given. Indices may be an `Index` or an int.
+    """
 
     def __init__(self, context: Any, builder: Any) -> None:
         self.context = context
@@ -309,18 +319,24 @@ class Code:
         self.lanes = LANES
 
     def loop(self, count: Any, step: int = 1, first: Any = 0) -> Iterator[Any]:
-        """Repeat what follows for ``first``, ``first`` + ``step``, ... below ``count``."""
+        """Repeat the body of a ``for`` for the indices first, first + step, ... below ``count``."""
         start, stop, stride = (self.index(bound).value for bound in (first, count, step))
         with cgutils.for_range_slice(self.builder, start, stop, stride, inc=True) as (j, _):
             yield Index(self.builder, j)
 
     def where(self, condition: Any, likely: bool | None = None) -> Iterator[None]:
-        """Do what follows if the condition holds, which is ``likely`` or not."""
+        """Execute the body of a ``for`` once if the condition holds, else not.
+
+        ``likely`` is a hint for the compiler: True, False, or None for no hint.
+        """
         with self.builder.if_then(condition.value, likely):
             yield
 
     def either(self, condition: Any) -> Iterator[bool]:
-        """Do what follows with True if the condition holds, else with False."""
+        """Execute the body of a ``for`` once: with True if the condition holds, else with False.
+
+        The body is emitted twice, once for each branch.
+        """
         with self.builder.if_else(condition.value) as (then, otherwise):
             with then:
                 yield True
@@ -328,16 +344,17 @@ class Code:
                 yield False
 
     def choose(self, condition: Any, one: Any, other: Any) -> Any:
-        """Return one index if the condition holds, else the other."""
+        """Return the index ``one`` if the condition holds, else ``other``."""
         return Index(
             self.builder,
             self.builder.select(condition.value, self.index(one).value, self.index(other).value),
         )
 
     def vectors(self, size: Any) -> Iterator[Any]:
-        """Repeat the following code for the first slots, 2 LANES at a time, and for the rest.
+        """Repeat the body of a ``for`` for ``size`` slots, 2 LANES at a time.
 
-        The rest are LANES slots, if they are left. ``lanes`` is the number of slots in the current
+        ``size`` is a multiple of LANES; LANES slots that are left over follow at the end. The loop
+        variable is the index of the first slot, and ``lanes`` the number of slots, of each
         repetition.
         """
         whole = size & -2 * LANES
@@ -348,58 +365,60 @@ class Code:
             yield whole
 
     def single_vectors(self, size: Any) -> Iterator[Any]:
-        """Repeat what follows for LANES slots each: half the code of `vectors`."""
+        """Repeat the body of a ``for`` for ``size`` slots, LANES at a time.
+
+        This emits half the code of `vectors`.
+        """
         self.lanes = LANES
         yield from self.loop(size, LANES)
 
     def sum(self, *sizes: int) -> Sum:
-        """Return a new sum over vectors of these sizes (0: numbers), by default over slots."""
+        """Return a new `Sum` for these sizes (0: numbers), by default the sizes of `vectors`."""
         return Sum(self, sizes or (2 * LANES, LANES))
 
     def variable(self, first: Any) -> Any:
-        """Return a new variable."""
+        """Return a new `LoopVariable` with the value ``first``."""
         return LoopVariable(first if isinstance(first, Number) else self.index(first))
 
     def vector(self, pointer: Any, index: Any, size: int | None = None) -> Number:
-        """Return ``size`` numbers from ``index`` on, None: as many as there are lanes."""
+        """Return a vector of ``size`` numbers of an array from ``index`` on; None: ``lanes``."""
         return Number(
             self.builder,
             self.builder.load(self._place(pointer, index, size or self.lanes), align=8),
         )
 
     def store(self, vector: Number, pointer: Any, index: Any) -> None:
-        """Write a vector from ``index`` on."""
+        """Write a vector to an array from ``index`` on."""
         self.builder.store(vector.value, self._place(pointer, index, vector.count), align=8)
 
     def complex(self, pointer: Any, real: Any, imag: Any, size: int | None = None) -> Complex:
-        """Return ``size`` complex numbers.
+        """Return a vector of ``size`` complex numbers; None: ``lanes``.
 
-        Their real and imaginary parts are stored from ``real`` and ``imag`` on. If ``size`` is
-        None, there are as many numbers as lanes.
+        Real and imaginary parts are read from the indices ``real`` and ``imag`` on.
         """
         return Complex(self.vector(pointer, real, size), self.vector(pointer, imag, size))
 
     def store_complex(self, vector: Complex, pointer: Any, real: Any, imag: Any) -> None:
-        """Write complex numbers, their parts from ``real`` and from ``imag`` on."""
+        """Write a vector of complex numbers to the indices from ``real`` and from ``imag`` on."""
         self.store(vector.real, pointer, real)
         self.store(vector.imag, pointer, imag)
 
     def number(self, pointer: Any, index: Any) -> Number:
-        """Return one number."""
+        """Return the number of an array at ``index``."""
         return Number(self.builder, self.builder.load(self._at(pointer, index)))
 
     def put(self, number: Number, pointer: Any, index: Any) -> None:
-        """Write one number."""
+        """Write a number to an array at ``index``."""
         self.builder.store(number.value, self._at(pointer, index))
 
     def repeated(self, number: float, size: int | None = None) -> Number:
-        """Return a vector that repeats a known number, or the number itself for ``size`` 0."""
+        """Return a vector that repeats a float of Python; ``size`` 0: a single number."""
         if size == 0:
             return Number(self.builder, ir.Constant(DOUBLE, number))
         return self.constant([number] * (size or self.lanes))
 
     def spread(self, number: Number, size: int | None = None) -> Number:
-        """Return a vector that repeats a number."""
+        """Return a vector of ``size`` elements, None: ``lanes``, that repeats a `Number`."""
         size = size or self.lanes
         undefined = ir.Constant(ir.VectorType(DOUBLE, size), ir.Undefined)
         first = self.builder.insert_element(undefined, number.value, ir.Constant(PLACE, 0))
@@ -408,14 +427,14 @@ class Code:
         )
 
     def gather(self, numbers: list[Number]) -> Number:
-        """Return a vector of these numbers."""
+        """Return a vector whose elements are these numbers."""
         value = ir.Constant(ir.VectorType(DOUBLE, len(numbers)), ir.Undefined)
         for k, number in enumerate(numbers):
             value = self.builder.insert_element(value, number.value, ir.Constant(PLACE, k))
         return Number(self.builder, value)
 
     def before(self, first: Number, vector: Number) -> Number:
-        """Return a vector moved on by one element, with ``first`` in front."""
+        """Return a vector of the same size: ``first``, then all elements but the last."""
         size = vector.count
         order = _order([size, *range(size - 1)])
         return Number(
@@ -424,27 +443,27 @@ class Code:
         )
 
     def constant(self, numbers: Iterable[float]) -> Number:
-        """Return a vector of known numbers."""
+        """Return a vector of floats of Python."""
         values = list(numbers)
         return Number(self.builder, ir.Constant(ir.VectorType(DOUBLE, len(values)), values))
 
     def index(self, index: Any) -> Any:
-        """Return an index, which may be a known number, as one of the code."""
+        """Return an `Index` or an int as an `Index`."""
         return index if isinstance(index, Index) else Index(self.builder, ir.Constant(INDEX, index))
 
     def as_number(self, index: Any) -> Number:
-        """Return an index as a number."""
+        """Return an `Index` as a `Number`."""
         return Number(self.builder, self.builder.sitofp(index.value, DOUBLE))
 
     def lowest_bit(self, mask: Any) -> Any:
-        """Return the place of the lowest bit that is set; 64 where there is none."""
+        """Return the position of the lowest bit that is set, from 0 on; 64 if none is set."""
         return Index(self.builder, self.builder.cttz(mask.value, ir.Constant(ir.IntType(1), 0)))
 
     def atomic_rmw(self, change: str, words: Any, place: Any, value: Any) -> Any:
-        """Change a word that threads share, and return its previous value.
+        """Change entry ``place`` of an int64 array that threads share; return its old value.
 
-        The change is "add" or "xchg". Everything that was written before the previous value is
-        visible afterwards.
+        The change is "add" or "xchg" (replace). All that the thread which wrote the old value had
+        written before is visible afterwards.
         """
         return Index(
             self.builder,
@@ -452,7 +471,7 @@ class Code:
         )
 
     def call(self, address: Any) -> None:
-        """Call a function without arguments and result at an address in memory."""
+        """Call the function at an address in memory, which has no arguments and no result."""
         kind = ir.FunctionType(ir.VoidType(), [])
         self.builder.call(self.builder.inttoptr(address.value, kind.as_pointer()), [])
 

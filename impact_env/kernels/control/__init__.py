@@ -2,6 +2,6 @@
 
 The kernels apply changes from outside, and do what a task does before and after an interval.
 
-In: lanes of any family above, orders for each, and the interval's end. Out: the lanes gone on, and
-numbers of the interval for features and rewards.
+In: lanes of a scene, in memory that is kept between intervals, and an order for each. Out: the
+lanes at the interval's end, and a report of each, for features and rewards.
 """

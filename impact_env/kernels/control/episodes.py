@@ -22,11 +22,11 @@ FREQUENCY_RATIO_TOL = 1e-12  # of the frequency ratio
 FEATURE_UNITS = record_type(
     length=NUMBER,  # m
     per_velocity=NUMBER,  # inverse of the velocity (s/m)
-    impacts=NUMBER,  # impacts of an interval
-    most_impacts=NUMBER,  # largest number of these units
-    origin=NUMBER,  # zero of the frequency ratio
+    impacts=NUMBER,  # unit of the number of impacts in an interval
+    most_impacts=NUMBER,  # limit of this number, in its unit
+    origin=NUMBER,  # frequency ratio whose feature is 0
     frequency=NUMBER,  # unit of the frequency ratio
-    steps=NUMBER,  # intervals of the time budget
+    steps=NUMBER,  # intervals in the time budget
 )
 
 
@@ -34,9 +34,10 @@ FEATURE_UNITS = record_type(
 def advance_frequency(interval, width, far, sign, change, ratio, duration, after, ended):
     """Advance the frequency ``ratio`` (L,) by ``change`` (L,) per pseudo period.
 
-    ``interval``: the longest, in pseudo periods; ``width`` of the range and its ``far`` end (L,) in
-    units of the resonance; ``sign`` (L,): 1 up, -1 down. Filled: ``duration`` in pseudo periods,
-    ratio ``after`` it, whether the passage has ``ended`` there, each (L,).
+    Frequencies are ratios to the resonance. ``interval``: full length of an interval (pseudo
+    periods); ``width``: of the range; ``far`` (L,): its end that is approached; ``sign`` (L,): 1
+    up, -1 down. Filled, (L,) each: ``duration`` of the interval (pseudo periods), the ratio
+    ``after`` it, whether the passage has ``ended`` there. ``ratio`` is not changed.
     """
     for i in range(ratio.shape[0]):
         left = (far[i] - ratio[i]) * sign[i]
@@ -50,7 +51,10 @@ def advance_frequency(interval, width, far, sign, change, ratio, duration, after
 
 @jit
 def limit_actions(actions):
-    """Limit ``actions`` (n,) to [-1, 1] in place; return whether all of them are finite."""
+    """Limit ``actions`` (n,) to [-1, 1] in place; return whether all of them are finite.
+
+    Actions that are not finite stay.
+    """
     finite = True
     for i in range(actions.shape[0]):
         if not -math.inf < actions[i] < math.inf:
@@ -64,10 +68,11 @@ def limit_actions(actions):
 
 @jit
 def order_friction(actions, column, low, high, orders, friction, place, moved):
-    """Order the friction limits for ``actions`` (L, A): log scale from ``low`` to ``high`` (N).
+    """Write the friction limits that a column of ``actions`` (L, A) gives to ``orders`` (L,).
 
-    Filled, (L,) each: ``friction`` (N), its ``place`` in the range, the action, and how far that
-    has ``moved``.
+    Actions from -1 to 1 span ``low`` to ``high`` (N) on a log scale. ``place`` (L,): the last
+    actions, which become those of the column. Filled, (L,) each: ``friction`` (N), and ``moved``,
+    the magnitude of the change of the action.
     """
     for i in range(orders.shape[0]):
         action = actions[i, column]
@@ -79,11 +84,11 @@ def order_friction(actions, column, low, high, orders, friction, place, moved):
 
 @jit
 def order_wall_motion(actions, low, high, share, most, orders, before):
-    """Order the half-clearances that walls reach on the way to their targets.
+    """Write the half-clearances that walls reach in an interval to ``orders`` (L,).
 
-    Column 0 of ``actions`` (L, A) gives the targets, from ``low`` to ``high`` (m) on a log scale.
-    ``share``: of the way that the lag leaves, ``most`` (m): longest way; ``before`` (L,): filled
-    with the half-clearances so far.
+    Column 0 of ``actions`` (L, A) gives the targets: -1 to 1 span ``low`` to ``high`` (m) on a log
+    scale. The walls move by the ``share`` of the distance to the target, at most by ``most`` (m).
+    ``before`` (L,) is filled with the half-clearances (m) before the motion.
     """
     for i in range(orders.shape[0]):
         gap = orders[i].gap
@@ -94,7 +99,7 @@ def order_wall_motion(actions, low, high, share, most, orders, before):
 
 @jit
 def measure_wall_motion(orders, before, length, moved):
-    """Fill the ways (L,) of the walls since ``before`` (L,), in units of ``length`` (m)."""
+    """Fill ``moved`` (L,): change of half-clearances since ``before`` (L,), over ``length`` (m)."""
     for i in range(orders.shape[0]):
         moved[i] = abs(orders[i].gap - before[i]) / length
 
@@ -103,11 +108,12 @@ def measure_wall_motion(orders, before, length, moved):
 def fill_orders(
     orders, omega, period, steps, duration, ratio, after, force, ended, resting, elapsed, late
 ):
-    """Fill drive and end of ORDER records from arrays (L,).
+    """Fill duration, force, frequencies and end of ORDER records from arrays (L,).
 
-    ``duration`` is in periods of ``period`` (s), the frequency ratios refer to ``omega`` (rad/s),
-    and forces are in N. Lanes that are not ``resting`` have one more interval ``elapsed``. An
-    episode that has not ``ended`` after ``steps`` intervals is ``late``.
+    ``duration`` is in periods of ``period`` (s); the frequency ratios, ``ratio`` at the start and
+    ``after`` the interval, refer to ``omega`` (rad/s); ``force`` is in N. ``elapsed``, the number
+    of intervals, grows by one except for lanes that are ``resting``. Filled: ``late``, whether an
+    episode has not ``ended`` after ``steps`` intervals.
     """
     for i in range(orders.shape[0]):
         order = orders[i]
@@ -125,11 +131,12 @@ def fill_orders(
 def close_step(
     duration, elapsed, limit, late_ends, resting, late, time, score, rewards, ended, cut
 ):
-    """Add the interval to ``time`` and ``score``, and find the episodes that end.
+    """Add the interval to ``time`` and ``score`` (L,), and find the episodes that end.
 
-    ``ended``: whether episodes have ended, ``cut``: whether they are cut off, each (L,). An episode
-    that is ``late`` has ended where ``late_ends``, else it is cut off; so is one with ``limit``
-    intervals (0: none). Lanes that are ``resting`` have no reward and do not end.
+    Changed: ``ended`` (L,), whether an episode has terminated; filled: ``cut`` (L,), whether it is
+    truncated. A ``late`` episode terminates if ``late_ends``, else it is truncated. An episode with
+    ``limit`` intervals is truncated (0: no limit). The ``rewards`` (L,) of ``resting`` lanes are
+    set to 0, and their episodes do not end.
     """
     for i in range(rewards.shape[0]):
         time[i] += duration[i]
@@ -149,8 +156,9 @@ def close_step(
 def fill_costs(reports, moved, duration, interval, steps, samples, costs):
     """Fill columns 1 to 3 of ``costs`` (L, 5): time, damage, displacement of the actuator.
 
-    The time is relative to that of ``steps`` intervals, the damage is divided by ``samples``.
-    ``moved`` (L,); ``duration`` (L,) and ``interval`` in pseudo periods.
+    The time is relative to that of ``steps`` full intervals, the damage is divided by the number
+    ``samples`` of a full interval. ``moved`` (L,): displacement of the actuator; ``duration`` (L,)
+    and ``interval``, the full length, in pseudo periods.
     """
     for i in range(reports.shape[0]):
         costs[i, 1] = duration[i] / interval / steps
@@ -177,12 +185,12 @@ def compute_cycle_rewards(
     """Fill the rewards (L,) of control within a period.
 
     A reward is minus the interval's share of the mean relative RMS, less the price of the
-    actuator's displacement ``moved``. ``state`` (L, S) at the end; ``steps`` of the time budget;
-    ``price`` of a unit that the actuator moves; ``mass_rate`` (kg/s): absorber's mass over an
-    interval; ``force`` (N) and ``scale`` (m), the RMS without absorber, (L,). Changed: mean
-    ``squares`` (L, n) of the last intervals (m^2), the absorber's ``speed`` (m/s) and the
-    interval's ``rms`` (m), (L,). Filled: columns 0 and 4 of ``costs`` (L, 5), level and contact
-    force.
+    actuator's displacement ``moved`` (L,). ``state`` (L, S) at the end; ``steps``: intervals in the
+    time budget; ``price`` of a unit that the actuator moves; ``mass_rate`` (kg/s): absorber's mass
+    over an interval's duration; ``force`` (N) and ``scale`` (m), the RMS without absorber, (L,).
+    Changed: ``squares`` (L, n), mean squares of the last n intervals (m^2), and ``speed`` (L,), the
+    absorber's velocity (m/s). Filled: ``rms`` (L,) of the interval (m), and columns 0 and 4 of
+    ``costs`` (L, 5): level, and contact force over ``force``.
     """
     last = state.shape[1] - 1
     intervals = squares.shape[1]
@@ -203,9 +211,9 @@ def compute_cycle_rewards(
 def compute_level_rewards(reports, level_scale, price, duration, fine, late, potential, rewards):
     """Fill the rewards (L,) of a passage that is rated by its level.
 
-    A reward is the fall of the level relative to ``level_scale``, less ``price`` for each pseudo
-    period and a ``fine`` where the episode is ``late``. ``potential`` (L,): the relative level so
-    far.
+    A reward is the fall of the level relative to ``level_scale`` (L,) (m), less ``price`` for each
+    pseudo period of ``duration`` (L,) and a ``fine`` where the episode is ``late``. ``potential``
+    (L,): the relative level before the interval, becomes that after it.
     """
     for i in range(reports.shape[0]):
         relative = reports[i].level / level_scale[i]
@@ -217,7 +225,8 @@ def compute_level_rewards(reports, level_scale, price, duration, fine, late, pot
 def compute_damage_rewards(reports, damage_scale, price, duration, fine, late, potential, rewards):
     """Fill the rewards as `compute_level_rewards` does, for the damage of the interval.
 
-    ``potential`` is the sum of the damage.
+    ``damage_scale`` (L,): unit of the damage. ``potential`` (L,): sum of the relative damage, to
+    which that of the interval is added.
     """
     for i in range(reports.shape[0]):
         gain = reports[i].damage / damage_scale[i]
@@ -227,9 +236,10 @@ def compute_damage_rewards(reports, damage_scale, price, duration, fine, late, p
 
 @jit
 def fill_features(reports, units, ratio, elapsed, level, values):
-    """Write the features of all tasks into the first columns of ``values`` (L, features).
+    """Write features to columns 0 to 8 of ``values`` (L, features).
 
-    ``units`` (1,) is a record FEATURE_UNITS.
+    ``units`` (1,) is a record FEATURE_UNITS; ``ratio`` (L,): frequency ratios; ``elapsed`` (L,):
+    numbers of intervals; ``level`` (L,): column 8, as it is.
     """
     unit = units[0]
     for i in range(reports.shape[0]):
@@ -248,7 +258,7 @@ def fill_features(reports, units, ratio, elapsed, level, values):
 
 @jit
 def fill_cycle_features(reports, orders, state, shapes, squares, units, ratio, elapsed, values):
-    """Write the features of control within a period to the first columns of ``values`` (L, .).
+    """Write features of control within a period to columns 0 to 9 of ``values`` (L, features).
 
     ``state`` (L, S) at the end, ``shapes`` (L or 1, N_m) of the modes where the level is read, mean
     ``squares`` (L, n) of the intervals of the last period (m^2), ``units`` (1,): FEATURE_UNITS.
@@ -284,7 +294,7 @@ def fill_cycle_features(reports, orders, state, shapes, squares, units, ratio, e
 def limit_features(values, most, observed):
     """Write ``values`` (L, features) to ``observed``, limited to +-``most``.
 
-    ``observed`` (L, features) is float32.
+    ``observed`` (L, features) is float32. NaN stays NaN.
     """
     for i in range(values.shape[0]):
         for k in range(values.shape[1]):

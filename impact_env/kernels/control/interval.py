@@ -1,7 +1,7 @@
 """Control intervals of a lane: the memory kept between them, orders, and reports.
 
-A lane's interval is one segment of a schedule, so a chain of intervals is the run that a single
-call with all segments would make.
+A lane's interval is one section of a schedule, or several under a recorded disturbance. A chain of
+intervals is the run that a single call with all sections would make.
 """
 
 from __future__ import annotations
@@ -53,25 +53,25 @@ ORDER = record_type(
     force=NUMBER,  # force amplitude (N)
     phase=NUMBER,  # phase of the force at the start (rad); becomes that at the end
     gap=NUMBER,  # half-clearance (m); becomes the one in use
-    limit=NUMBER,  # friction limit (N)
-    place=NUMBER,  # place in the disturbance's record (steps); becomes that at the end
-    fresh=FLAG,  # whether the lane starts afresh
+    limit=NUMBER,  # friction limit (N), unused without friction
+    place=NUMBER,  # position in the disturbance's record (steps); becomes that at the end
+    fresh=FLAG,  # whether a new run begins, from the lane's state; becomes False
     final=FLAG,  # whether its run ends here
 )
 # a report of an interval
 REPORT = record_type(
     in_phase=NUMBER,  # tip's amplitude in phase with the force (m)
-    quadrature=NUMBER,  # and a quarter period behind it (m)
+    quadrature=NUMBER,  # tip's amplitude a quarter period behind the force (m)
     distance=NUMBER,  # absorber less tip at the end (m)
-    relative_velocity=NUMBER,  # and its rate (m/s)
-    impact_count=INTEGER,  # impacts
+    relative_velocity=NUMBER,  # absorber less tip at the end (m/s)
+    impact_count=INTEGER,  # impacts in the interval
     absorber_share=NUMBER,  # absorber's share of the energy at the end
     level=NUMBER,  # response level so far (m)
     mean_square=NUMBER,  # mean of q_tip^2 (m^2)
     damage=NUMBER,  # sum of |q_tip/unit|^exponent over the samples
     tip=NUMBER,  # tip displacement at the end (m)
 )
-# of a lane between two intervals
+# values of a lane's last interval that the next one needs
 LAST_ORDER = record_type(
     gap=NUMBER,  # half-clearance in use (m)
     limit=NUMBER,  # friction limit in use (N)
@@ -87,11 +87,11 @@ class Lanes(NamedTuple):
     """Memory of L lanes between two intervals."""
 
     z: Array  # (L, 2, J) modal amplitudes
-    rigid: NDArray[Any]  # (L,) RIGID_CONTACT_STATE records, or
-    compliant: NDArray[Any]  # (L,) COMPLIANT_CONTACT_STATE records
+    rigid: NDArray[Any]  # (L,) RIGID_CONTACT_STATE records, used with rigid contact
+    compliant: NDArray[Any]  # (L,) COMPLIANT_CONTACT_STATE records, used with compliant contact
     last_order: NDArray[Any]  # (L,) LAST_ORDER records
     state: Array  # (L, 2 N_m + 2)
-    ring: Array  # (L, W + 1) of the level
+    ring: Array  # (L, W + 1) as `LevelObserver.ring`
     level: NDArray[Any]  # (L,) LEVEL_STATE records
 
 
@@ -132,14 +132,14 @@ class LaneSettings(NamedTuple):
     """Settings that all lanes share."""
 
     sample_dt: float  # sampling interval (s)
-    samples: int  # of a whole interval
-    exponent: float  # of the damage, 0: none
-    unit: float  # of length of the damage (m)
+    samples: int  # number of samples in an interval of full length
+    exponent: float  # of `REPORT.damage`; 0: not computed
+    unit: float  # unit of the displacement in the damage (m)
     omega: Array  # (N_m,) circular frequencies of the modes (rad/s)
     tip_shape: Array  # (N_m,)
     mass: float  # of the absorber (kg), 0 without one
     level_shape: Array  # (N_m,) mode shape where level and amplitudes are read
-    place: Array  # the same if it is not the tip, else of size 0
+    place: Array  # ``level_shape`` if it is not that of the tip, else of size 0
     disturbance: Disturbance | None  # None where one force is all
 
 
@@ -162,7 +162,7 @@ class IntervalScratch(NamedTuple):
     block: Array  # samples of the interval (m)
     clock: NDArray[Any]  # (1,) a CLOCK record
     counts: NDArray[Any]  # (1,) a COUNTS record
-    budget: NDArray[Any]  # (1,) counters at zero, with the limits of an interval
+    budget: NDArray[Any]  # (1,) COUNTS record at zero, with the limits of an interval
     no_values: Array  # (0,) of the envelope, which lanes do not have
     no_numbers: NDArray[np.int64]  # (0,)
 
@@ -209,10 +209,11 @@ def new_interval_load(settings):
 
 @jit
 def expand_interval_load(disturbance, order, times, load):
-    """Write the sections of an interval and return their number.
+    """Write the sections of an interval to ``times`` and ``load``; return their number.
 
-    A section is given by breakpoints ``times`` and by pieces of the load: the force of the order,
-    and the straight line between two samples of the disturbance's record.
+    ``order.place`` becomes the position in the record at the interval's end. A section is given by
+    breakpoints ``times`` and by pieces of the load: the force of the order, and the straight line
+    between two samples of the disturbance's record.
     """
     record = disturbance.record
     step = disturbance.step
@@ -280,10 +281,10 @@ def is_order_valid(settings, order):
 
 @jit
 def scan_orders(orders, idle, read, expected):
-    """Return the highest frequency (rad/s), whether an order is wrong, and whether a lane is idle.
+    """Return (highest frequency in rad/s, whether an order is wrong, whether a lane is idle).
 
-    An order of gap, limit or place is wrong if it is not ``read`` (3,) and differs from
-    ``expected`` (3,).
+    ``read`` (3,): whether the scene uses the orders' gap, limit and place. One that it does not use
+    is wrong if it differs from its value in ``expected`` (3,). ``idle`` (L,): flags of the lanes.
     """
     highest = 0.0
     differs = False
@@ -316,7 +317,7 @@ def find_failed_lane(status):
 
 @jit
 def open_interval(scratch, settings, lanes, i, order):
-    """Prepare scratch memory and level for a lane's interval."""
+    """Write lane i's interval to the scratch memory; reset the level of a new run."""
     clock = scratch.clock[0]
     scratch.times[1] = order.duration
     scratch.omegas[0] = order.omega_start
@@ -334,7 +335,7 @@ def open_interval(scratch, settings, lanes, i, order):
 
 @jit
 def report_samples(scratch, settings, order, report):
-    """Report the amplitudes, mean square and damage of the interval's samples.
+    """Write amplitudes, mean square and damage of the interval's samples to ``report``.
 
     The amplitudes are found by projection on the force's phase.
     """
@@ -374,9 +375,10 @@ def report_samples(scratch, settings, order, report):
 
 @jit
 def report_state(settings, state, relative, relative_velocity, report):
-    """Report the state at the interval's end.
+    """Write tip displacement, relative motion and the absorber's energy share to ``report``.
 
-    It consists of the tip displacement, the relative motion and the absorber's share of the energy.
+    ``state`` is that at the interval's end; ``relative`` (m) and ``relative_velocity`` (m/s):
+    absorber less tip.
     """
     modes = settings.omega.shape[0]
     energy = 0.0
@@ -395,7 +397,10 @@ def report_state(settings, state, relative, relative_velocity, report):
 
 @jit
 def close_interval(scratch, settings, level, state, order, report):
-    """Report samples and level, and set the order's phase to that of the interval's end."""
+    """Report samples, impacts and level; set the order's phase to that of the end.
+
+    ``order.fresh`` becomes False.
+    """
     report_samples(scratch, settings, order, report)
     report.impact_count = scratch.counts[0].impacts
     if order.final:
@@ -408,7 +413,7 @@ def close_interval(scratch, settings, level, state, order, report):
 
 @jit
 def replace_gap(walls, gap):
-    """Return walls at another half-clearance; a scene without walls keeps none."""
+    """Return `Walls` with the half-clearance ``gap`` (m), or ``walls`` itself if there are none."""
     if not has_walls(walls):
         return walls
     return Walls(gap, walls.restitution, walls.yield_velocity)

@@ -1,17 +1,17 @@
 """Control intervals of many lanes in one call, one function for each family of integrators.
 
-Lanes do not touch each other: any split of them over threads gives the same numbers. Each thread
-has memory of its own (`new_rigid_memory` and its like), made once and used in every call: to
-allocate it takes as long as the quarter of a period of several lanes.
+Lanes are independent: any split of them over threads gives the same numbers. Each thread has memory
+of its own (`new_rigid_memory` and its like), made once and used in every call: its allocation takes
+as long as the quarter of a period of several lanes.
 
 In: a scene, the lanes with an order each (`interval.Batch`), and a queue of parts of the lanes.
 Out: the lanes at the interval's end, and their reports.
 
 Threads. A thread that sleeps is woken through the interpreter's lock: that takes as long as a step
-of some hundred lanes. So a helper stays in compiled code for a while after its work, and takes the
-next call's parts from the `WorkQueue` itself. Passive-v0 with 256 and 1,024 lanes takes 1.5 and 1.4
-times as long a step with a pool of Python's threads instead (two cores). Which thread does which
-part, and whether there are helpers at all, changes no number.
+of some hundred lanes. So a helper thread polls in compiled code for a while after its work, and
+takes the next call's parts from the `WorkQueue` itself. Passive-v0 with 256 and 1,024 lanes takes
+1.5 and 1.4 times as long a step with a pool of Python's threads instead (two cores). Which thread
+does which part, and whether there are helpers at all, changes no number.
 
 New orders: a new friction limit or a jump of the force's amplitude. A sliding absorber continues to
 slide in its direction, with the new friction. A joined absorber stays joined if the joint force is
@@ -92,7 +92,7 @@ from impact_env.kernels.stepping.grid import DriveForce
 from impact_env.kernels.stepping.moreau import RigidLaws, moreau_lane
 from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
 
-# places in `WorkQueue.words`: parts that no thread has taken yet, and parts that are done; each in
+# indices in `WorkQueue.words`: parts that no thread has taken yet, and parts that are done; each in
 # a cache line of its own
 PARTS_LEFT = 0
 PARTS_DONE = 16
@@ -102,8 +102,8 @@ MOST_POLLS = 1 << 15  # of the other threads' last parts, before the caller retu
 class WorkQueue(NamedTuple):
     """Memory shared by the threads of one call.
 
-    ``words`` (32,) are read and changed atomically. The parts are ``cuts`` (P, 2), ranges of lanes
-    [low, high).
+    ``words`` (32,) are read and changed atomically. Part p consists of the lanes [low, high) in
+    ``cuts[p]``; ``cuts`` (L, 2) has room for a part for each lane.
     """
 
     words: NDArray[np.int64]
@@ -114,9 +114,9 @@ class LaneMemory(NamedTuple):
     """Memory of one thread that advances lanes one after the other."""
 
     scratch: IntervalScratch  # of the interval
-    load: Any  # of the disturbance, None without
-    workspace: Any  # of the scene
-    start: NDArray[Any]  # (1,) contact state of a lane that begins
+    load: Any  # `LoadWorkspace` of the disturbance, None without
+    workspace: Any  # of the scene's exact method
+    start: NDArray[Any]  # (1,) contact state with which a run begins
 
 
 class SteppingMemory(NamedTuple):
@@ -124,7 +124,7 @@ class SteppingMemory(NamedTuple):
 
     scratch: IntervalScratch  # of the interval
     series: StateSeries  # states at the samples
-    load: Any  # without sources
+    load: Any  # `LoadPieces` without sources: the chirp of one force
 
 
 def new_work_queue(lanes: int) -> WorkQueue:
@@ -146,7 +146,10 @@ def _atomic_exchange(code: Code, words, place: Index, value: Index):
 
 @jit
 def take_first_part(queue, parts, patience):
-    """Publish ``parts`` parts (0 from a helper thread) and take one as `take_next_part` does."""
+    """Offer ``parts`` parts to all threads (0: none, from a helper thread), and take a part.
+
+    Returns the number of the part, or -1 as `take_next_part` does.
+    """
     if parts > 0:
         _atomic_exchange(queue.words, PARTS_DONE, 0)
         _atomic_exchange(queue.words, PARTS_LEFT, parts)
@@ -155,7 +158,7 @@ def take_first_part(queue, parts, patience):
 
 @jit
 def take_next_part(queue, patience):
-    """Report a part as done, and return the number of another part.
+    """Count a part as done, and return the number of another part.
 
     The result is -1 if none was available in ``patience`` + 1 polls.
     """
@@ -187,9 +190,10 @@ def wait_until_done(queue, parts):
 
 @jit
 def recheck_stick(scene, window, workspace, state):
-    """Leave the joined regime if the joint force is beyond its bounds.
+    """Release a joined absorber if the joint force is beyond its bounds.
 
-    At a bound the absorber sticks, and the rate of the joint force decides.
+    The amplitudes in ``workspace`` include the forced part, before and after. At a bound the
+    absorber sticks, and the rate of the joint force decides.
     """
     contact_state = workspace.contact_states[0]
     buffers = workspace.buffers
@@ -218,8 +222,9 @@ def recheck_stick(scene, window, workspace, state):
 def apply_order_change(scene, limit, before, jumps, schedule, workspace, state):
     """Continue a lane with the friction ``limit`` (N, or None) of its new order.
 
-    ``before`` (N): the limit so far; ``jumps``: whether the amplitude of the force changes;
-    ``schedule``: of the section to come.
+    ``before`` (N): the limit of the last interval; ``jumps``: whether the amplitude of the force
+    changes; ``schedule``: that of the new interval. The contact state and the amplitudes in
+    ``workspace`` change.
     """
     contact_state = workspace.contact_states[0]
     other = False
@@ -241,9 +246,11 @@ def apply_order_change(scene, limit, before, jumps, schedule, workspace, state):
 
 @jit
 def update_rigid_gap(walls, order, contact_state, gap, relative):
-    """Set the half-clearance in use.
+    """Set ``order.gap`` (m) to the half-clearance that the cavity can take (`limit_gap`).
 
-    Returns True if an absorber that a wall held is freed, so that its regime must be found again.
+    ``gap`` (m): half-clearance of the last interval; ``relative`` (m): absorber less tip. Where the
+    gap changes, an absorber that touches a wall touches it no longer. Returns True if an absorber
+    that a wall held is freed, so that its regime must be found again.
     """
     if not has_walls(walls):
         return False
@@ -256,10 +263,11 @@ def update_rigid_gap(walls, order, contact_state, gap, relative):
 
 @jit
 def load_lane(walls, lanes, i, order, distance, start, workspace):
-    """Load lane i into the workspace; return whether its regime must be found again.
+    """Load lane i into the workspace; return whether its regime must be found from its state.
 
-    ``distance`` (m): of the absorber from the tip; ``start`` (1,): the contact state of a lane
-    that begins.
+    This is so for a new run, and for an absorber held by a wall that has moved away. ``order.gap``
+    is set as in `update_rigid_gap`. ``distance`` (m): absorber less tip; ``start`` (1,): contact
+    state with which a run begins.
     """
     begins = order.fresh
     workspace.contact_states[0] = lanes.rigid[i]
@@ -277,7 +285,7 @@ def load_lane(walls, lanes, i, order, distance, start, workspace):
 
 @jit
 def report_rigid(settings, scene, workspace, state, report):
-    """Write the lane's state, and report it."""
+    """Write the lane's motion in ``workspace`` to ``state`` (S,), and the state to ``report``."""
     write_current_state(scene, workspace, state)
     contact_state = workspace.contact_states[0]
     half = state.shape[0] // 2
@@ -307,9 +315,11 @@ def new_rigid_memory(scene, batch):
 def rigid_lanes(scene, reach, batch, memory, queue, parts, patience):
     """Advance lanes of a scene with rigid contact, in parts that are taken from the queue.
 
-    Returns whether all parts are done. ``reach`` (s): longest window; ``memory``: of this thread.
-    The caller passes the number of ``parts`` in the queue, a helper thread 0; ``patience``: polls
-    of the queue before a thread leaves. Walls' gap and friction limit are those of a lane's order.
+    Returns whether all parts are done: False if other threads still work after MOST_POLLS polls.
+    ``reach`` (s): longest window; ``batch``: `Batch`, whose lanes, orders, reports and status codes
+    are written; ``memory``: `LaneMemory` of this thread. The caller passes the number of ``parts``
+    in the queue, a helper thread 0; ``patience``: further polls of an empty queue before a thread
+    stops. Walls' gap and friction limit are those of a lane's order.
     """
     part = take_first_part(queue, parts, patience)
     while part >= 0:
@@ -442,9 +452,9 @@ def _advance_linear_lanes(scene, reach, batch, first, stop, memory):
 
 @jit
 def report_relative(settings, state, report):
-    """Report the part of a report that is computed from the state.
+    """Report the state as `report_state` does, with the relative motion computed from it.
 
-    The relative motion is computed from the state as well. It is zero without an absorber.
+    Without an absorber the relative motion is 0.
     """
     half = state.shape[0] // 2
     if settings.mass > 0.0:
@@ -517,7 +527,7 @@ def _advance_compliant_lanes(scene, reach, batch, first, stop, memory):
 
 @jit
 def push_recorded_samples(scratch, settings, series, level, order):
-    """Add the displacements of the recorded states to the level.
+    """Add the displacements of the recorded states to the level, and to ``scratch.block``.
 
     The displacement at the interval's end is left out.
     """

@@ -57,16 +57,17 @@ Array = NDArray[np.float64]
 # kinds of regime: not initialised yet; one modal amplitude a mode; any modal amplitudes; modal
 # amplitudes that cancel, which need quadrature
 NOT_INITIALISED, ONE_PER_MODE, COUPLED, CANCELLING = range(4)
-# modal amplitudes over the velocity that they add up to: squared, it multiplies rounding
+# sum of the modal amplitudes' sizes over the velocity that they add up to: the square of this ratio
+# multiplies rounding errors
 MOST_CANCELLATION = 30.0
-# of a regime
+# state of a regime's account
 REGIME_STATE = record_type(
     kind=INTEGER,  # NOT_INITIALISED to CANCELLING
     order=INTEGER,  # powers of products that count
     series=INTEGER,  # pairs of modal amplitudes that need series
     window=NUMBER,  # centre of the window whose forced part is known (s)
 )
-_ROWS = 6 + 6 * TERMS + 3 * PRODUCTS  # of a regime's numbers, without the shape and the pairs
+_ROWS = 6 + 6 * TERMS + 3 * PRODUCTS  # rows of `Account.rows` without shape and pairs
 
 
 class Account(NamedTuple):
@@ -91,8 +92,8 @@ class RegimeAccount(NamedTuple):
     tip, a column each. Powers are those of the time in half windows.
     """
 
-    velocity: Array  # (2, J) an amplitude's weight in its mode's velocity, where each mode is one
-    point: Array  # (2, J) its weight in the velocity of the force's point
+    velocity: Array  # (2, J) an amplitude's weight in its mode's velocity, for ONE_PER_MODE
+    point: Array  # (2, J) an amplitude's weight in the velocity of the force's point
     shape: Array  # (2 J, J) weights of the amplitudes (rows) in the velocities (columns)
     pairs: Array  # (PLANES J, J) see `integrals.PLANES`
     squares: Array  # (J,) of a segment: integrals of the velocities' squares
@@ -138,7 +139,7 @@ def new_account(energy, regimes, size):
 
 @jit_view
 def view_regime_account(account, r):
-    """Return an account's sums of its regime number r."""
+    """Return the `RegimeAccount` of regime number r, views of the account's arrays."""
     rows = account.rows[r]
     powers = account.powers[r]
     size = account.rows.shape[2]
@@ -179,7 +180,7 @@ def replace_energies_by_account(observers, account):
 def init_regime_account(regime_state, mode, sums, regime, losses):
     """Fill the parts of a regime's account that do not depend on the force.
 
-    They are the record ``regime_state``, ``mode`` (J,) and weights in ``sums``.
+    They are the record ``regime_state``, ``mode`` (J,), and weights and pairs in ``sums``.
     """
     modes = losses.rate.shape[0]
     half = regime.out.shape[1] // 2
@@ -228,9 +229,9 @@ def _has_cancelling_amplitudes(regime, modes, half):
 
 @jit
 def _match_modes(modes, mode, shape, velocity):
-    """Assign each amplitude to its mode (-1: none), with its weight.
+    """Write each amplitude's mode (-1: none) to ``mode`` (J,), its weight to ``velocity`` (2, J).
 
-    Returns False if amplitudes and modes do not match one to one.
+    Returns False if an amplitude belongs to several modes, or a mode to several amplitudes.
     """
     size = mode.shape[0]
     for j in range(size):
@@ -265,9 +266,9 @@ def _find_active_rate(rows, omega, z):
 
 @jit
 def compute_force_at(window, size, phase, tau):
-    """Return the force at an offset from the window's centre (N).
+    """Return the force (N) at an offset ``tau`` (s) from the window's centre.
 
-    ``size`` and ``phase`` are those of a chirp at the centre.
+    ``size`` (N) and ``phase`` (rad) are those of the chirp at the centre.
     """
     load = window.load
     if load is not None:
@@ -304,7 +305,8 @@ def add_by_quadrature(segment, losses, state, energy):
     """Add work and losses of a `segments.Segment` by Gauss-Legendre quadrature.
 
     The panels resolve every modal amplitude that is still active. Only a tuned absorber has a
-    damper; ``state`` is scratch.
+    damper. The results are added to ``energy`` (`Account`); ``state`` and the segment's
+    ``buffers.rows`` are scratch.
     """
     modes = losses.rate.shape[0]
     half = state.shape[0] // 2
@@ -355,7 +357,8 @@ def add_by_quadrature(segment, losses, state, energy):
 def add_energy(segment, losses, state, r, account):
     """Add work and losses of a segment in regime number ``r`` to the account; None: not observed.
 
-    A constant force gives a static deflection only. ``state`` is scratch.
+    A constant force gives a static deflection only. ``state`` and the segment's ``buffers.rows``
+    are scratch.
     """
     if account is None:
         return
@@ -416,7 +419,7 @@ def _init_window(regime_state, sums, forced, window):
 
 @jit
 def _count_powers(power):
-    """Return how many powers of the products with the force count."""
+    """Return how many powers of the products ``power`` (3, WIDTH) with the force count."""
     order = 1
     largest = 0.0
     for p in range(PRODUCTS):
@@ -444,7 +447,7 @@ def _fill_end_powers(sums, order, window, tau, end):
 
 @jit_inline
 def _compute_forced_work(sums, order):
-    """Return the work done on the forced part."""
+    """Return the work (J) of the force on the forced part of the velocity of its point."""
     work = 0.0
     for k in range(order):
         for m in range(3):

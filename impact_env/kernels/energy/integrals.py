@@ -43,8 +43,8 @@ SERIES_TURN = 0.3
 CLOSE_POLES_TOL = 0.05
 SERIES_PHASE = 0.5  # rad over half a window: what turns less is integrated by series
 _F = tuple(1.0 / math.factorial(n + 1) for n in range(11))
-# orders above the wanted ones where that begins: SERIES_PHASE^EXTRA_ORDERS 8!/(8 + EXTRA_ORDERS)!
-# is far below rounding of the whole
+# orders above the wanted ones at which the series begins: the neglected share, SERIES_PHASE to the
+# power EXTRA_ORDERS times 8!/(8 + EXTRA_ORDERS)!, is far below rounding
 EXTRA_ORDERS = 10
 PRODUCTS = 2 * TERMS - 1  # coefficients of a product of two polynomials
 WIDTH = PRODUCTS + EXTRA_ORDERS + 1  # powers of the time that series need
@@ -71,7 +71,7 @@ def sum_decay_series(y):
 
 @jit
 def integrate_decay(rate, h):
-    """Return the integral of exp(rate t) over [0, h] for rate <= 0.
+    """Return the integral of exp(rate t) over [0, h] (s) for rate <= 0 (1/s).
 
     A series gives the integral over a part of h, which is then doubled repeatedly. No table is
     used.
@@ -111,9 +111,10 @@ def integrate_decays(rows, h, decay):
 
 @jit
 def integrate_pair(l_r, l_i, h, a_r, a_i, b_r, b_i):
-    """Return the integral of a exp(l t) over [0, h], where l is real or almost zero.
+    """Return real and imaginary part of the integral of a exp(l t) over [0, h].
 
-    b is the value at the end.
+    l = l_r + i l_i (1/s) and a = a_r + i a_i; b = b_r + i b_i is the value a exp(l h) at the end.
+    A real or almost zero l has a series.
     """
     if l_i == 0.0:
         f = integrate_decay(l_r, h)
@@ -201,9 +202,10 @@ def _store_powers(code: Code, up: Complex, down: Complex, powers: Any, at: Any, 
 
 @vector_code()
 def write_forced_powers(code: Code, polynomials, size: Index, half: Number, powers):
-    """Write the forced part of all modal amplitudes to ``powers``.
+    """Write the forced part of all modal amplitudes to ``powers`` (4, TERMS, size).
 
-    It is written in powers of the time in half windows.
+    It is written in powers of the time in half windows; ``half`` (s) is the half window,
+    ``polynomials`` those of `forced.Forced`, in powers of the time in seconds.
     """
     plane = size * TERMS
     for j in code.single_vectors(size):
@@ -221,11 +223,12 @@ def write_forced_powers(code: Code, polynomials, size: Index, half: Number, powe
 def compute_amplitude_moments(
     code: Code, rows, size: Index, omega: Number, half: Number, ends, carrier, z, w, powers
 ):
-    """Write the moments of all modal amplitudes over a segment to ``powers``.
+    """Write the moments of all modal amplitudes over a segment to ``powers`` (4, TERMS, size).
 
     They are the integrals of x^k y with the time x in half windows and y a modal amplitude times
     the carrier or its conjugate. Their divisor, the difference of the frequencies of amplitude and
-    carrier, can be almost zero: such moments need a correction.
+    carrier, can be almost zero: such moments must be computed again (`fill_moments`). ``ends``
+    and ``carrier`` (4,) are those of `energies.RegimeAccount`.
     """
     plane = size * TERMS
     inverse_half = code.repeated(1.0, 0) / half
@@ -312,7 +315,10 @@ def _walk_velocities(
 
 
 def _partner_code(coupled: bool) -> Any:
-    """Return vector code that writes the velocities' forced parts to ``partner``."""
+    """Return vector code that writes the velocities' forced parts to ``partner``.
+
+    ``coupled``: velocities are sums over all amplitudes, else each amplitude is a mode.
+    """
 
     @vector_code()
     def partners(code: Code, shape, size: Index, powers, partner):
@@ -334,7 +340,10 @@ def _partner_code(coupled: bool) -> Any:
 
 
 def _mixed_code(coupled: bool) -> Any:
-    """Return vector code that adds the integrals of free velocities times their partners."""
+    """Return vector code that adds the integrals of free velocities times their partners.
+
+    ``coupled`` as in `_partner_code`.
+    """
 
     @vector_code()
     def mixed(code: Code, shape, size: Index, powers, partner, integrals):
@@ -368,7 +377,8 @@ add_coupled_mixed = _mixed_code(True)
 def compute_mixed_power(code: Code, point, size: Index, powers, force):
     """Return the integral of the force times the free velocity of its point.
 
-    ``point`` (2, size) are weights.
+    ``point`` (2, size): the amplitudes' weights in this velocity; ``powers``: their moments;
+    ``force`` (2, WIDTH): half the force.
     """
     total = code.sum(code.lanes)
     for _, velocities in _walk_own_velocities(code, point, size, powers):
@@ -497,7 +507,7 @@ def _needs_series(j, k, special):
 
 @jit
 def init_pairs(rows, pairs):
-    """Fill the quantities of a regime's pairs, and return how many pairs need series.
+    """Fill the constants of a regime's pairs (PLANES J, J); return how many pairs need series.
 
     A modal amplitude that decays with its own conjugate is not counted.
     """
@@ -557,7 +567,10 @@ def _fill_pair_integrals(code: Code, pairs, size: Index, z, w):
 
 @vector_code()
 def add_pairs(code: Code, shape, size: Index, pairs, squares):
-    """Add the squares of the velocities' free parts to ``squares`` (size,)."""
+    """Add the integrals of the squares of the velocities' free parts to ``squares`` (size,).
+
+    They follow from ``shape`` (2, size, size) and INTEGRAL_PLANE of ``pairs`` (`integrate_pairs`).
+    """
     plane = size * size
     for i in code.single_vectors(size):
         total = code.sum(code.lanes)
@@ -581,7 +594,7 @@ def add_pairs(code: Code, shape, size: Index, pairs, squares):
 
 @jit
 def _add_series(rows, pairs, h, z, w):
-    """Add the integrals that are series, pair by pair."""
+    """Add the integrals that need a series to INTEGRAL_PLANE of ``pairs``, pair by pair."""
     size = z.shape[1]
     for j in range(size):
         for k in range(j, size):

@@ -1,6 +1,6 @@
 """The careful search: safe steps in which no event can be missed.
 
-It is used for the few places where the scan (search.py) cannot decide.
+It is used for the few steps in which the scan (search.py) cannot decide.
 
 Proof. The magnitude of a modal amplitude never grows, so from the current time on |y''| <= B2 and
 |y'''| <= B3, with sums over the modal amplitudes. With d the distance to a wall, g its closing
@@ -115,7 +115,10 @@ def count_sign_changes(t, h, d, v, a, j, s, c):
 
 @jit
 def bisect_root(left, right, d, v, a, j, s, c):
-    """Return the first number after a root of `evaluate_taylor`, which is negative at ``right``."""
+    """Return the floating-point number just after a root of `evaluate_taylor`.
+
+    The polynomial is negative at ``right``, and not at ``left``.
+    """
     for _ in range(200):
         mid = 0.5 * (left + right)
         if mid <= left or mid >= right:
@@ -160,9 +163,10 @@ def find_taylor_root(d, v, a, j, s, c, reach, noise):
 
 @jit_inline
 def snap_to_guard(guards, noise, bounded):
-    """Return a signal without the rounding error of the guard on which it starts.
+    """Return a `BoundedSignal` without the rounding error of the guard on which it starts.
 
-    Its distance from walls on which it does not start is at least ``noise``.
+    At a start on a wall the value is that of the wall. At a start inside, with a rate of zero, the
+    rate is set to 0, and the distance from both walls to at least ``noise``.
     """
     y = bounded.y
     v = 0.0
@@ -191,7 +195,7 @@ def leaves_quickly(function, guards, bounded):
 
 @jit_inline
 def find_first_reversal(guards, bounded, high, reach, noise):
-    """Return the time at which the rate first changes its sign after a start on a guard, or -1.
+    """Return the time (s) at which the rate first changes sign after a start on a guard, or -1.
 
     Times up to ``reach`` (s) are considered. ``high``: the third to fifth derivatives; ``noise``:
     the rounding of the rate.
@@ -230,11 +234,11 @@ def find_first_reversal(guards, bounded, high, reach, noise):
 def find_first_hit(guards, bounded, v, high, reach, noise):
     """Return (time, event) of the first hit of a wall within ``reach`` (s), time -1 without.
 
-    ``high`` and ``noise`` as in `find_first_reversal`. After a start on a wall it is the return to
-    this wall, or the hit of the opposite one, whichever is first. In a gap far below the amplitudes
-    the opposite wall, too, lies within reach: a slow flight covers up to b2 reach^2, 1e-4 of the
-    amplitudes. A start at rest on a wall leaves it. After a start at rate zero inside the cavity it
-    is the hit of the wall ahead.
+    ``v``: rate at the start; ``high`` and ``noise`` as in `find_first_reversal`. After a start on a
+    wall it is the return to this wall, or the hit of the opposite one, whichever is first. In a gap
+    far below the amplitudes the opposite wall, too, lies within reach: a slow flight covers up to
+    b2 reach^2, 1e-4 of the amplitudes. A start at rest on a wall leaves it. After a start at rate
+    zero inside the cavity it is the hit of the wall ahead.
     """
     side = guards.side
     j, s, c = high
@@ -280,12 +284,12 @@ def find_first_hit(guards, bounded, v, high, reach, noise):
 
 @jit_separate
 def search_from_guard(function, guards, bounded):
-    """Return (offset, event) after a start on a guard.
+    """Return (offset in s, kind of event) after a start on a guard.
 
-    From this offset on the search may use computed distances; or it is the offset of an event that
-    comes before. ``bounded`` is the signal at its start. Terms that are known to be zero are left
-    out: the constant one, the series being divided by t, or the linear one. Where both walls and
-    rate have guards the earlier event is returned.
+    With the kind NOTHING the search may use computed distances from this offset on; otherwise an
+    event of this kind is there. ``bounded`` is the signal at its start. Terms that are known to be
+    zero are left out: the constant one, the series being divided by t, or the linear one. Where
+    both walls and rate have guards the earlier event is returned.
     """
     system = function.system
     signals = function.forced.signals
@@ -331,7 +335,7 @@ def solve_parabola(d, g, b):
 
 @jit_inline
 def compute_safe_wall_step(d, g, a, b2, b3, reach):
-    """Return a step within which the wall at distance d > 0 cannot be reached.
+    """Return a step (s) within which the wall at distance d > 0 cannot be reached.
 
     g is the closing speed, a the closing acceleration, b2 and b3 are bounds of the second and third
     derivative. ``reach``: a guess of the step; no result is longer.
@@ -346,7 +350,7 @@ def compute_safe_wall_step(d, g, a, b2, b3, reach):
 
 @jit_inline
 def compute_safe_step(guards, bounded, reach):
-    """Return the longest step that is safe for all guards."""
+    """Return a step (s), at most ``reach``, within which no guard can be reached."""
     step = reach
     y = bounded.y
     v = bounded.v
@@ -380,8 +384,9 @@ def compute_safe_step(guards, bounded, reach):
 def find_root_ahead(guards, bounded):
     """Return (kind, step) of the event ahead if it is certainly the next one and simple.
 
-    A wall: the closing speed stays positive over twice the step. A reversal: the rate's slope keeps
-    its sign over twice the step, and the wall ahead is further than the way made in it.
+    Otherwise the kind is NOTHING. A wall: the closing speed stays positive over twice the step. A
+    reversal: the rate's slope keeps its sign over twice the step, and the wall ahead is further
+    than the way made in it.
     """
     y = bounded.y
     v = bounded.v
@@ -414,7 +419,7 @@ def find_root_ahead(guards, bounded):
 
 @jit
 def find_nearest_event(guards, bounded):
-    """Return the kind of event that the search has converged to."""
+    """Return HIT_LOW, HIT_HIGH or REVERSAL: the event that the search has converged to."""
     to_high = guards.high - bounded.y
     to_low = bounded.y - guards.low
     if guards.direction is not None:
@@ -448,7 +453,7 @@ def bound_signal(function, offset):
 
 @jit_inline
 def check_guards(guards, noise, bounded):
-    """Return (kind, y), the event that the search has reached and the signal.
+    """Return (kind, y), the kind of event that the search has reached and the signal's value.
 
     The kind is NOTHING before an event. The signal is moved away from the walls by its ``noise``.
     """
@@ -472,9 +477,10 @@ def check_guards(guards, noise, bounded):
 
 @jit_inline
 def refine_event_ahead(function, guards, bounded, offset, length, resolution):
-    """Return the event ahead if it is certainly the next one and simple.
+    """Return the event ahead as a `GuardEvent` if it is certainly the next one and simple.
 
-    It must also be well within ``length``. Otherwise the kind of the result is NOTHING.
+    It must also be well within ``length`` (s). Otherwise the kind of the result is NOTHING.
+    ``resolution``: of time (s).
     """
     kind, step = find_root_ahead(guards, bounded)
     if kind != NOTHING:
@@ -492,10 +498,11 @@ def refine_event_ahead(function, guards, bounded, offset, length, resolution):
 
 @jit_separate
 def careful_search(function, guards, start, stop, length):
-    """Return the first GuardEvent from the offset ``start`` on, or NOTHING at the offset ``stop``.
+    """Return the first GuardEvent from the offset ``start`` (s) on.
 
-    Other arguments as in `search.search_events`. An event between ``stop`` and ``length`` may be
-    returned.
+    Without an event up to ``stop`` (s) the kind is NOTHING, at the offset up to which there is
+    none, ``stop`` or later; if the search fails, the offset is NaN. Other arguments as in
+    `search.search_events`. An event between ``stop`` and ``length`` may be returned.
     """
     resolution = compute_time_resolution(function.system.rows, function.omega, length)
     on_guard = guards.side != 0 or guards.zero_rate

@@ -5,7 +5,7 @@ At an event a guard signal y leaves (low, high), or its rate changes sign. No ev
 In: a guard signal in a window (`EventFunction`) and the bounds that end it (`Guards`). Out: the
 first `GuardEvent`, or none (`find_next_event`).
 
-The search evaluates y, y' (and y'' where the rate is watched) at blocks of POINTS equidistant
+The search evaluates y, y' (and y'' where the rate has a guard) at blocks of POINTS equidistant
 times. Between two of them, a step h apart, the cubic H through both values and both slopes leaves
 |y - H| <= E = h^4/384 max|y''''|, and |y' - H'| <= 3.08 E/h [1]; H lies in the hull of its four
 Bernstein coefficients. So a step is clear of a wall if these keep off it by more than E, and clear
@@ -81,12 +81,12 @@ from impact_env.kernels.motion.modal_system import (
 
 
 class BlockStart(NamedTuple):
-    """The start of a block."""
+    """The start of a block of POINTS steps."""
 
     offset: float  # from the signal's reference time (s)
-    cos: float  # the force's carrier there
-    sin: float  # the same
-    turns: int  # blocks since the amplitudes were computed by `start_block`
+    cos: float  # real part of the force's carrier there
+    sin: float  # its imaginary part
+    turns: int  # blocks since `start_block` computed the amplitudes
 
 
 class SearchStep(NamedTuple):
@@ -94,9 +94,9 @@ class SearchStep(NamedTuple):
 
     level: int  # its number
     h: float  # length (s)
-    summed: int  # modal amplitudes to sum
+    summed: int  # number of modal amplitudes to sum
     e0: float  # error E of the signal
-    e1: float  # error of its rate
+    e1: float  # error E of its rate
 
 
 START_ERROR = (
@@ -127,7 +127,7 @@ MOST_BLOCKS = 2_000
 
 @vector_code(INTEGER)
 def lowest_bit(code: Code, mask: Index):
-    """Return the place of the lowest bit that is set; 64 where there is none."""
+    """Return the number of the lowest bit that is set; 64 if none is set."""
     return code.lowest_bit(mask)
 
 
@@ -158,7 +158,7 @@ def _sum_amplitudes(
 
 
 def _evaluate_polynomials(code: Code, signals: Any, m: int, part: int, y: Number) -> Number:
-    """Return part 0 or 1 of signal m's forced polynomial at POINTS times ``y``."""
+    """Return part 0 or 1 of signal m's forced polynomial at POINTS times ``y`` (s)."""
     total = code.spread(code.number(signals, coefficient_index(m, SCAN_TERMS - 1, part)), POINTS)
     for n in range(SCAN_TERMS - 2, -1, -1):
         total = total.fma(
@@ -172,7 +172,7 @@ def _find_bernstein_range(
 ) -> tuple[Number, Number]:
     """Return the smallest and the largest of the Bernstein coefficients of cubics.
 
-    The cubics match values and slopes at both ends.
+    The cubics match values and slopes at both ends of a step h; ``third`` is h/3.
     """
     a = third.fma(left_slope, left)
     b = (-third).fma(right_slope, right)
@@ -182,9 +182,10 @@ def _find_bernstein_range(
 def _fill_block(
     code: Code, orders: int, function: Any, place: Any, step: Any, size: Any
 ) -> tuple[list[Number], list[Number]]:
-    """Write all of a block, and return derivatives at the start and end of each step.
+    """Fill a block, and return (values at the start, values at the end) of each step.
 
-    The first ``orders`` derivatives are returned, beginning with the signal itself.
+    Both are lists of ``orders`` vectors, of the signal and its first derivatives. ``place``: the
+    `BlockStart`; ``step``: the `SearchStep`; ``size``: J.
     """
     b = function.signal.block
     w = function.signal.moving
@@ -223,7 +224,7 @@ def _fill_block(
 
 @vector_code(INTEGER, 2)
 def scan(code: Code, function, guards, place, step, size: Index):
-    """Fill a block and return (walls, reversals); bit k: step k is not clear of them.
+    """Fill a block and return (walls, reversals); bit k is set if step k is not clear of them.
 
     ``function``: a `signals.EventFunction`, whose block has the forced parts at its start set, and
     the carrier of the step's level; ``guards``: its `signals.Guards`; ``place``: the `BlockStart`;
@@ -250,7 +251,7 @@ def scan(code: Code, function, guards, place, step, size: Index):
 
 
 def _propagation_code(orders: int) -> Any:
-    """Return vector code that propagates the amplitudes of ``orders`` derivatives."""
+    """Return vector code that propagates the amplitudes of ``orders`` derivatives in place."""
 
     @vector_code()
     def propagate(code: Code, turns, start: Index, w, size: Index):
@@ -352,9 +353,9 @@ def is_clear_of_walls(b, guards, step, error):
 
 @jit_inline
 def correct_first_step(signal, guards, step, walls, reversals):
-    """Return a scan's (walls, reversals) with the corrected bit of the first step.
+    """Return a scan's (walls, reversals) with bit 0, of the first step, corrected.
 
-    The bit is corrected for the guard on which the signal starts.
+    It is corrected for the guard on which the signal starts.
     """
     b = signal.block
     w = signal.moving
@@ -375,9 +376,10 @@ def correct_first_step(signal, guards, step, walls, reversals):
 
 @jit_inline
 def find_sharp_root(d0, d1, d2, d3, error, slope_error):
-    """Return the zero in (0, 1) of the secant of the cubic with these Bernstein coefficients.
+    """Return the zero in (0, 1) of the secant of the cubic with Bernstein coefficients d0 to d3.
 
-    The result is -1 if the cubic's root is not sharp.
+    ``error`` bounds the error of the cubic; ``slope_error`` times it that of a difference of two
+    coefficients. The result is -1 if the root is not certainly simple and the only one.
     """
     least = min(min(d0 - d1, d1 - d2), d2 - d3)
     if not (
@@ -444,7 +446,7 @@ def refine_quintic_root(b, k, h, kind, wall, x):
 
 @jit_inline
 def locate_reversal(b, k, step, direction, slope_error):
-    """Return the share of step k where the rate changes its sign, or -1 if that is not sharp."""
+    """Return the share of step k where the rate changes its sign, -1 as in `find_sharp_root`."""
     h = step.h
     v0 = direction * b[RATE + k]
     v3 = direction * b[RATE + 1 + k]
@@ -462,8 +464,9 @@ def locate_reversal(b, k, step, direction, slope_error):
 def locate_event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
     """Return (kind, share of the step) of the only event in step k.
 
-    The kind is NOTHING if it is not certain that there is exactly one event. ``near_wall`` and
-    ``near_rest``: whether the step is not clear of walls, and of a reversal.
+    ``b`` is `Signal.block`. The kind is NOTHING if it is not certain that there is exactly one
+    event. ``near_wall`` and ``near_rest``: whether the step is not clear of walls, and of a
+    reversal.
     """
     low = guards.low
     high = guards.high
@@ -502,7 +505,10 @@ def is_far(b, h, guards, e0, e1):
 
 @jit_inline
 def start_block(function, offset):
-    """Compute amplitudes and forced parts at an offset; return the `BlockStart` there."""
+    """Compute amplitudes and forced parts at ``offset`` (s); return the `BlockStart` there.
+
+    They are written to the signal's ``moving`` and ``block``.
+    """
     system = function.system
     signal = function.signal
     omega = function.omega
@@ -526,9 +532,9 @@ def start_block(function, offset):
 
 @jit_inline
 def advance_block(function, guards, place, step, k):
-    """Propagate amplitudes and forced parts by the first k > 0 steps of a block.
+    """Propagate amplitudes and forced parts by the first k > 0 steps of a block, in place.
 
-    Returns the start of the next block.
+    Returns the `BlockStart` of the next block.
     """
     w = function.signal.moving
     b = function.signal.block
@@ -548,7 +554,7 @@ def advance_block(function, guards, place, step, k):
 
 @jit_inline
 def make_search_step(function, level):
-    """Return the step of a level, with its errors from here on."""
+    """Return the `SearchStep` of a level; its errors hold from the current block on."""
     system = function.system
     bound = function.forced.bound
     p = function.signal.polynomial
@@ -577,9 +583,11 @@ def scan_block(function, guards, place, step):
 
 @jit_inline
 def locate_event(function, guards, place, step, k, near, length):
-    """Return the only event in step k, or NOTHING where that is not certain.
+    """Return the only event in step k as a `GuardEvent`.
 
-    ``near``: whether the step is not clear of walls, and of a reversal.
+    Its kind is NOTHING where this is not certain; its evaluations count anyway. ``near`` (two
+    flags): whether the step is not clear of walls, and of a reversal. ``length`` (s): of the
+    search.
     """
     system = function.system
     forced = function.forced
@@ -613,7 +621,9 @@ def locate_event(function, guards, place, step, k, near, length):
 def search_events(function, guards, length, half):
     """Return the first GuardEvent of an `EventFunction` within ``length`` (s).
 
-    If none occurs, the result is at ``length``. ``half`` (s) is half the length of the window.
+    If none occurs, the result has the kind NOTHING and the offset ``length``; if the search fails,
+    the offset NaN. ``half`` (s) is half the length of the window. The signal's ``moving`` and
+    ``block`` are scratch; ``memory[0]`` becomes the level for the next search.
     """
     memory = function.signal.memory
     steps = function.system.steps
@@ -695,7 +705,7 @@ def search_events(function, guards, length, half):
 
 @jit_inline
 def find_next_event(window, function, guards, length):
-    """Return the first GuardEvent in a `forced.ForceWindow` within ``length`` (s).
+    """Return the first GuardEvent in a `loads.ForceWindow` within ``length`` (s).
 
     The result is that of `search_events`, for the signal of an `EventFunction`.
     """

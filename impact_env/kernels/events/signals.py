@@ -30,8 +30,9 @@ from impact_env.kernels.motion.modal_system import (
     sum_three_derivatives,
 )
 
-# places in `Signal.block`: rows of 1 + POINTS numbers of the value, the rate and the second
-# derivative (bend), then rows of their forced parts; then the carrier of the force
+# positions in `Signal.block`: rows of 1 + POINTS numbers, at the block's start and at POINTS times,
+# of the value, the rate and the second derivative (bend), then rows of their forced parts; then
+# real and imaginary part of the force's carrier at POINTS times
 ROW = 16
 VALUE = 0
 RATE = ROW
@@ -49,23 +50,24 @@ REVERSAL = 3
 TIME_RESOLUTION = 5e-15  # of the time scale of the slowest modal amplitude, or of a quicker force
 EPSILON = 2.2e-16
 SIGNAL_ROUNDING = 4.0 * EPSILON  # rounding of a computed signal, relative to its scale
-MOST_SEARCH_EVALUATIONS = 2e7  # of a search
-# of the curvature's share of a step in Newton's: there its series is as good as its root
+MOST_SEARCH_EVALUATIONS = 2e7  # evaluations after which a search fails
+# largest share of the curvature in a step of Newton's method: below it the series of the step is as
+# good as its root
 CURVATURE_SHARE_TOL = 1e-4
 
 
 class Signal(NamedTuple):
     """A guard signal from a reference time on, and memory for its search."""
 
-    u: NDArray[np.float64]  # (2, J) amplitudes of its free part
-    polynomial: NDArray[np.float64]  # (3,) p0, p1, p2 of p0 + p1 t + p2 t^2/2
+    u: NDArray[np.float64]  # (2, J) amplitudes of its free part at the reference time
+    polynomial: NDArray[np.float64]  # (3,) p0, p1, p2: p0 + p1 t + p2 t^2/2 is added
     moving: NDArray[np.float64]  # (6 J,) = (3, 2, J) amplitudes of value, rate, bend at a block
     block: NDArray[np.float64]  # (BLOCK,) value, rate and bend at its times
-    memory: NDArray[np.float64]  # (2,) level to begin with, evaluations that a search may use
+    memory: NDArray[np.float64]  # (2,) level that a search begins with, its most evaluations
 
 
 class EventFunction(NamedTuple):
-    """A guard signal in a window."""
+    """A guard signal in a window: sum over amplitudes, forced part and polynomial."""
 
     system: ModalSystem  # of its regime
     forced: Forced  # response of its regime in the window
@@ -77,7 +79,8 @@ class EventFunction(NamedTuple):
 class SignalTerms(NamedTuple):
     """The parts of an `EventFunction` that its value needs.
 
-    Other parts are left out, because each array costs time at a call.
+    They are fields of `ModalSystem`, `Forced`, `EventFunction` and `Signal`. Other fields are left
+    out, because each array costs time at a call.
     """
 
     rows: NDArray[np.float64]
@@ -93,10 +96,10 @@ class SignalTerms(NamedTuple):
 class Guards(NamedTuple):
     """What ends a search, and which guard the signal starts on."""
 
-    low: float  # lower bound of the signal, -infinity or out of reach without
-    high: float  # upper bound
+    low: float  # lower bound of the signal; without one, -infinity or a value out of reach
+    high: float  # upper bound; without one, infinity or a value out of reach
     side: int  # -1 or 1: the signal starts on the lower or the upper bound, else 0
-    direction: float | None  # sign that the signal's rate must keep; None: any
+    direction: float | None  # sign (1 or -1) that the signal's rate must keep; None: any
     zero_rate: bool  # whether the rate starts at zero
 
 
@@ -112,19 +115,22 @@ class BoundedSignal(NamedTuple):
 
 
 class GuardEvent(NamedTuple):
-    """Result of a search for an event."""
+    """Result of a search for an event.
+
+    An offset of NaN: the search has failed (`make_failed_search`).
+    """
 
     kind: int  # NOTHING, HIT_LOW, HIT_HIGH or REVERSAL
     offset: float  # from the signal's reference time (s)
     value: float  # of the signal there
     rate: float  # of the signal there
     bend: float  # second derivative there
-    evaluations: int  # that the search took
+    evaluations: int  # number of evaluations in the search
 
 
 @jit_allocating
 def new_signal(size):
-    """Return memory for a signal of ``size`` modal amplitudes."""
+    """Return a `Signal` of ``size`` modal amplitudes, all zero."""
     return Signal(
         np.zeros((2, size)),
         np.zeros(3),
@@ -136,7 +142,7 @@ def new_signal(size):
 
 @jit_view
 def select_terms(function):
-    """Return the terms of an event function."""
+    """Return the `SignalTerms` of an `EventFunction`."""
     system = function.system
     signal = function.signal
     return SignalTerms(
@@ -153,13 +159,13 @@ def select_terms(function):
 
 @jit_inline
 def compute_signal_scale(signal, bound):
-    """Return the sum of the sizes of a signal's terms."""
+    """Return the sum of the magnitudes of a signal's terms; ``bound``: `Forced.bound`."""
     return bound[0] + abs(signal.polynomial[0]) + sum_magnitudes(signal.u.shape[1], signal.u)
 
 
 @jit_inline
 def evaluate_terms(terms, offset):
-    """Return a signal and its first three derivatives at an offset from its reference time."""
+    """Return (y, y', y'', y''') of a signal at an offset (s) from its reference time."""
     p = terms.polynomial
     rows = terms.rows
     table = terms.table
@@ -181,7 +187,10 @@ def evaluate_terms(terms, offset):
 
 @jit
 def evaluate_at_offset(system, signals, omega, signal, tau, offset):
-    """Return a signal and its first two derivatives at an offset from its reference time."""
+    """Return (y, y', y'') of a signal at an offset (s) from its reference time ``tau``.
+
+    ``signals``: `Forced.signals`; ``omega``: carrier (rad/s); ``tau``: s from the window's centre.
+    """
     y, v, a, _ = evaluate_terms(
         SignalTerms(
             system.rows,
@@ -200,7 +209,9 @@ def evaluate_at_offset(system, signals, omega, signal, tau, offset):
 
 @jit
 def evaluate_value_at_offset(system, signals, omega, signal, tau, offset):
-    """Return a signal at an offset from its reference time.
+    """Return a signal at an offset (s) from its reference time.
+
+    Arguments are those of `evaluate_at_offset`.
 
     The value equals that of `evaluate_at_offset` to the last digit.
     """
@@ -218,36 +229,40 @@ def evaluate_value_at_offset(system, signals, omega, signal, tau, offset):
 def compute_time_resolution(rows, omega, length):
     """Return the shortest time (s) that a search over ``length`` (s) resolves.
 
-    It follows from the slowest modal amplitude, or from the force if its frequency is higher.
+    It follows from the slowest modal amplitude, or from the force's frequency ``omega`` (rad/s) if
+    this is higher. ``rows``: `ModalSystem.rows`.
     """
     return max(TIME_RESOLUTION / max(rows[SPEED, 0], omega), 4.0 * EPSILON * length)
 
 
 @jit_inline
 def find_event_wall(kind, guards):
-    """Return the wall of an event."""
+    """Return the bound of the signal that an event of a kind reaches; unused for a REVERSAL."""
     return guards.high if kind == HIT_HIGH else guards.low
 
 
 @jit_inline
 def replace_evaluations(event, evaluations):
-    """Return an event with the evaluations of the whole search."""
+    """Return a copy of a `GuardEvent` with another number of evaluations."""
     return GuardEvent(event.kind, event.offset, event.value, event.rate, event.bend, evaluations)
 
 
 @jit_inline
 def make_failed_search(evaluations):
-    """Return an event at NaN, which ends the run with an error: an event could be missed."""
+    """Return a `GuardEvent` at NaN, which ends the run with an error: an event could be missed."""
     return GuardEvent(NOTHING, np.nan, np.nan, np.nan, np.nan, evaluations)
 
 
 @jit
 def refine_root(terms, offset, kind, wall, b4, resolution):
-    """Return the simple root near ``offset`` of a signal as a GuardEvent, or NOTHING.
+    """Return the simple root near ``offset`` (s) of a signal as a `GuardEvent` of ``kind``.
+
+    The kind of the result is NOTHING if 12 steps do not suffice. ``wall``: bound that the signal
+    reaches, unused for a REVERSAL; ``b4``: bound of the fourth derivative; ``resolution``: of time
+    (s).
 
     Newton's method is used with the second and third derivatives. The last step is not evaluated
-    again: it must be so short that the bound b4 of the fourth derivative leaves time and rate
-    exact.
+    again: it must be so short that time and rate are exact by the bound b4.
     """
     y = 0.0
     v = 0.0

@@ -2,11 +2,14 @@
 
 The guard signal is sampled densely up to the event, and must not have passed its guard.
 
-The samples are direct sums at single times, without blocks, levels, bounds or margins. They are
-uniform, some a radian of the fastest modal amplitude that is still active, and geometrically denser
-at both ends, where errors of a start or of an event would be. A start lies on its
-guard and so does the event, but for rounding: no sample is closer to either than `CLOSEST_SHARE`,
-and rounding of signal and time is allowed for.
+The samples are direct sums at single times, without blocks, levels, bounds or margins. Uniform
+samples, `SAMPLES_PER_RADIAN` of the fastest modal amplitude that is still active, are supplemented
+by geometrically denser ones at both ends, where a wrong start or event would show. Up to rounding
+the signal may start on a guard, and ends on one at an event. So no sample is closer to either end
+than `CLOSEST_SHARE` of the length, and rounding of signal and time is allowed for.
+
+In: the observer ``check`` of the counters, the searched signal, its bounds. Out: the number of
+searches and of misses, the largest miss of each kind, and the first misses, written to ``check``.
 """
 
 from __future__ import annotations
@@ -36,19 +39,19 @@ from impact_env.kernels.motion.observers import GUARD_PASSED, JOINT_EXCEEDED, RA
 
 SAMPLES_PER_RADIAN = 5.0  # samples a radian of the fastest active modal amplitude
 ACTIVE_SHARE = 1e-13  # of the largest share of the signal
-MOST_SAMPLES = 4096  # uniform ones: 60 modes that all ring would take a second a search
-END_HALVINGS = 30
-CLOSEST_SHARE = 0.5**END_HALVINGS  # to either end, of the way between them: 1e-9
-DEPTH_TOL = 1e-10  # of the clearance: a deeper place is beyond a wall
-SIGNAL_CHECK_TOL = 50.0 * SIGNAL_ROUNDING  # of the terms of signal or rate
+MOST_SAMPLES = 4096  # uniform ones; without a limit 60 active modes would take a second a search
+END_HALVINGS = 30  # geometric samples at each end, each at half the distance of the one before
+CLOSEST_SHARE = 0.5**END_HALVINGS  # least distance to an end, of the length: 1e-9
+DEPTH_TOL = 1e-10  # of the clearance: a larger depth beyond a wall is a miss
+SIGNAL_CHECK_TOL = 50.0 * SIGNAL_ROUNDING  # of the sum of the sizes of the terms of signal or rate
 TIME_CHECK_FACTOR = 4.0  # times the search's resolution of time
 
 
 @jit
 def find_active_rate(system, omega, u):
-    """Return the largest |s| (1/s) of the active modal amplitudes in the signal u.
+    """Return the largest |s| (1/s) of the active modal amplitudes u (2, J) of a signal.
 
-    The result is the force's frequency if this is larger.
+    The result is at least the frequency ``omega`` (rad/s) of the force.
     """
     largest = 0.0
     speed = omega
@@ -62,10 +65,10 @@ def find_active_rate(system, omega, u):
 
 @jit
 def compute_sample_time(k, count, offset):
-    """Return the time (s) of sample k.
+    """Return the time (s) of sample k after the start of a segment that is ``offset`` (s) long.
 
-    Samples are spaced geometrically near the start, then follow ``count`` uniform samples, then
-    geometric spacing near the end.
+    The first END_HALVINGS samples are spaced geometrically from the start, the next ``count``
+    uniformly, and the last END_HALVINGS geometrically towards the end.
     """
     if k < END_HALVINGS:
         return offset * 0.5 ** (END_HALVINGS - k)
@@ -76,7 +79,11 @@ def compute_sample_time(k, count, offset):
 
 @jit
 def record_miss(check, time, kind, share):
-    """Count a miss and list the first few; ``share``: its size relative to that of its guard."""
+    """Count a miss in ``check`` and list it if it is one of the first.
+
+    ``time`` (s) is that of the run. ``kind``: GUARD_PASSED, JOINT_EXCEEDED or RATE_TURNED.
+    ``share``: size of the violation relative to the scale of its signal.
+    """
     check.worst[kind] = max(check.worst[kind], share)
     n = check.counts.misses
     if n < check.first.shape[0]:
@@ -88,21 +95,23 @@ def record_miss(check, time, kind, share):
 
 
 class GuardBounds(NamedTuple):
-    """Bounds that a signal must keep."""
+    """Bounds that a signal must keep, a relative displacement (m) or a joint force (N)."""
 
-    low: float  # lower bound
-    high: float  # upper bound
-    unit: float  # scale of a violation; 0: the signal's terms
-    slack: float  # allowed share of these terms
-    sign: float  # of the rate; 0: not checked
-    kind: int  # of miss
+    low: float  # lower bound, -infinity: none
+    high: float  # upper bound, infinity: none
+    unit: float  # scale of a violation; 0: the sum of the sizes of the signal's terms
+    slack: float  # allowed violation as a share of this sum, besides rounding
+    sign: float  # sign that the rate must keep; 0: not checked
+    kind: int  # of the miss if a bound is passed: GUARD_PASSED or JOINT_EXCEEDED
 
 
 @jit
 def check_guard_samples(check, system, forced, window, signal, tau, offset, guard):
     """Check on dense samples that a signal remains within its bounds.
 
-    The samples are taken from ``tau`` up to an offset (s).
+    The samples are taken over a length ``offset`` (s) from ``tau`` (s from the window's centre) on,
+    the signal's reference time. ``guard``: `GuardBounds`. At most one miss, the largest, is
+    recorded in ``check``.
     """
     if not offset > 0.0:  # nothing was passed, or not a number
         return
@@ -147,9 +156,10 @@ def check_guard_samples(check, system, forced, window, signal, tau, offset, guar
 
 @jit_inline
 def check_free_segment(check, system, forced, window, walls, limit, body, offset):
-    """Check the search of a free segment.
+    """Check the search of a free segment of length ``offset`` (s).
 
-    No wall may be passed and, with friction, the relative velocity must not change its sign.
+    No wall may be passed and, with friction (``limit`` not None), the relative velocity must not
+    change its sign.
     """
     gap = walls.gap if has_walls(walls) else np.inf
     sign = 0.0
@@ -163,7 +173,10 @@ def check_free_segment(check, system, forced, window, walls, limit, body, offset
 
 @jit_inline
 def check_joined_segment(check, system, forced, window, limit, body, offset):
-    """Check the search of a joined segment: the joint force keeps within its bounds."""
+    """Check the search of a joined segment of length ``offset`` (s).
+
+    The joint force must remain within its bounds. ``limit`` (N): of static friction, None without.
+    """
     low, high = find_joint_bounds(limit, body.contact_state.side)
     check_guard_samples(
         check,
@@ -179,7 +192,11 @@ def check_joined_segment(check, system, forced, window, limit, body, offset):
 
 @jit_inline
 def check_set(check, scene, window, s, offset, workspace):
-    """Check the searches of all absorbers in set s, up to the earliest event."""
+    """Check the searches of all absorbers in the set at position s.
+
+    The earliest event is at ``offset`` (s). The guard signals and their forced parts in
+    ``workspace`` are filled.
+    """
     sets = scene.sets
     absorbers = scene.absorbers
     for a in range(workspace.contact_states.shape[0]):

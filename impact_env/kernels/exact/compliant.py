@@ -81,19 +81,19 @@ class ContactStiffness(NamedTuple):
 # a contact between two events
 COMPLIANT_CONTACT_STATE = record_type(
     tau=NUMBER,  # time from the window's centre (s)
-    q=NUMBER,  # displacement of the absorber in the free regime (m)
+    q=NUMBER,  # displacement of the absorber in the free regime (m), 0 in all others
     v=NUMBER,  # its velocity (m/s)
     a=NUMBER,  # its acceleration (m/s^2)
     force=NUMBER,  # constant force on the absorber (N)
     wall=NUMBER,  # wall touched: -1 lower, 1 upper, 0 none
     sticks=FLAG,  # whether the slider sticks
     sign=NUMBER,  # sign of the relative velocity of sliding
-    anchor=NUMBER,  # slider's position (m)
+    anchor=NUMBER,  # slider's position, at which its spring is without force (m)
     side=NUMBER,  # the guard signal starts on its low (-1) or high (1) bound, or on none (0)
     contact_time=NUMBER,  # start of the wall contact (s)
-    contact_rate=NUMBER,  # relative velocity there (m/s)
-    contact_v=NUMBER,  # absorber's velocity there (m/s)
-    contact_loss=NUMBER,  # loss in the walls' damper up to there (J)
+    contact_rate=NUMBER,  # relative velocity at this time (m/s)
+    contact_v=NUMBER,  # absorber's velocity at this time (m/s)
+    contact_loss=NUMBER,  # loss in the walls' damper up to this time (J)
     stick_time=NUMBER,  # start of the stick (s)
     at_rest=FLAG,  # whether the relative velocity starts at zero
 )
@@ -102,10 +102,11 @@ COMPLIANT_CONTACT_STATE = record_type(
 class CompliantScene(NamedTuple):
     """A scene of one absorber with compliant contact.
 
-    ``regimes``: without a spring, with the wall's, with the friction's, with both. ``contact``:
-    mass, compliance and tip shape; ``springs``: stiffness; ``gap``: half-clearance (m), infinite
-    without walls; ``limit``: friction limit (N), None without friction. Energy balance:
-    ``wall_losses``, with the walls' damper, while a wall is touched, else ``losses``.
+    ``regimes``: without a spring, with the wall's, with the friction's, with both, in the order of
+    `find_regime_number`. ``contact``: only mass and tip shape are used; ``springs``: stiffness;
+    ``gap``: clearance to either wall (m), infinite without walls; ``limit``: friction limit (N),
+    None without friction. Energy balance: ``wall_losses``, with the walls' damper, while a wall is
+    touched, else ``losses``.
     """
 
     regimes: tuple[LinearRegime, LinearRegime, LinearRegime, LinearRegime]
@@ -124,14 +125,14 @@ class CompliantWorkspace(NamedTuple):
     buffers: Buffers  # of the modal amplitudes
     signal: Signal  # guard signal
     forced: tuple[Forced, Forced, Forced, Forced]  # response of each regime
-    solved: NDArray[np.bool_]  # (4,) whether they are known in the current window
+    solved: NDArray[np.bool_]  # (4,) whether the response of each regime is known in the window
     motion: NDArray[Any]  # (1,) as `Segment.motion`
     scratch: NDArray[np.float64]  # (2 N_m + 2,) a state
 
 
 @jit_allocating
 def new_compliant_state():
-    """Return a COMPLIANT_CONTACT_STATE record (1,) of a run at its start."""
+    """Return an array (1,) of one COMPLIANT_CONTACT_STATE record, all zeros."""
     return np.zeros(1, COMPLIANT_CONTACT_STATE)
 
 
@@ -146,9 +147,10 @@ def find_regime_number(contact_state):
 
 @jit
 def find_guard_bounds(gap, reach, contact_state):
-    """Return the bounds (m) of the relative displacement within which the regime holds.
+    """Return the lower and the upper bound (m) of the relative displacement in the regime.
 
-    ``reach`` (m) is the slider's limit over its stiffness.
+    ``gap`` (m): clearance; ``reach`` (m): friction limit over the friction spring's stiffness.
+    Infinity: no bound.
     """
     low = -np.inf
     high = np.inf
@@ -167,9 +169,10 @@ def find_guard_bounds(gap, reach, contact_state):
 
 @jit
 def update_constant_force(springs, gap, limit, contact_state):
-    """Set the constant part of the force on the absorber.
+    """Set ``contact_state.force``, the constant part of the force on the absorber (N).
 
-    It follows from the clearance, the slider's position and the sliding friction.
+    It follows from the clearance, the slider's position and the sliding friction (``limit``, None
+    without friction).
     """
     force = 0.0
     if contact_state.wall != 0.0:
@@ -185,7 +188,7 @@ def update_constant_force(springs, gap, limit, contact_state):
 
 @jit
 def compute_relative_motion(contact, state):
-    """Return relative displacement (m) and velocity (m/s), absorber minus tip."""
+    """Return relative displacement (m) and velocity (m/s) of a state, absorber minus tip."""
     modes = contact.tip_shape.shape[0]
     r = state[modes]
     v = state[2 * modes + 1]
@@ -197,7 +200,11 @@ def compute_relative_motion(contact, state):
 
 @jit
 def read_damper_loss(damped, energy):
-    """Return the loss in the walls' damper since the start (J); NaN if it is not observed."""
+    """Return the loss in the walls' damper since the start of the run (J).
+
+    ``damped``: whether the walls have a damper. ``energy`` None, energies are not observed: the
+    result is NaN with a damper, and 0 without.
+    """
     if energy is None:
         return np.nan if damped else 0.0
     return energy.totals[0].absorber_damping
@@ -205,7 +212,11 @@ def read_damper_loss(damped, energy):
 
 @jit
 def begin_wall_contact(side, time, rate, absorber_velocity, loss, contact_state, counters):
-    """Begin a wall contact; ``loss`` (J): that in the walls' damper so far."""
+    """Begin a wall contact in ``contact_state`` and count it as an impact.
+
+    ``side``: the wall, -1 or 1. At ``time`` (s) the relative velocity is ``rate`` (m/s), and
+    ``loss`` (J) the loss in the walls' damper since the start of the run.
+    """
     contact_state.wall = side
     contact_state.contact_loss = loss
     contact_state.contact_time = time
@@ -216,9 +227,10 @@ def begin_wall_contact(side, time, rate, absorber_velocity, loss, contact_state,
 
 @jit
 def record_wall_contact(time, absorber_velocity, loss, contact_state, events, mass):
-    """Append the contact that ends at ``time`` (s) to the lists of events.
+    """Append the contact that ends at ``time`` (s) to the lists of impacts and of phases.
 
-    ``loss`` (J) is the loss in the walls' damper up to this time.
+    ``absorber_velocity`` (m/s) is that at this time, ``loss`` (J) the loss in the walls' damper
+    from the start of the run up to it. The contact state is not changed.
     """
     push_impact(
         events,
@@ -239,9 +251,10 @@ def record_wall_contact(time, absorber_velocity, loss, contact_state, events, ma
 
 @jit
 def toggle_wall_contact(event, gap, contact_state, time, absorber_velocity, loss, mass, observers):
-    """Begin or end a wall contact.
+    """Begin a wall contact in ``contact_state``, or end and record the present one.
 
-    Without clearance the end of the contact with one wall is the begin of that with the other.
+    Without clearance the contact with the other wall begins where that with one wall ends.
+    ``time``, ``absorber_velocity`` and ``loss`` as in `record_wall_contact`.
     """
     if contact_state.wall == 0.0:
         side = 1.0 if event.kind == HIT_HIGH else -1.0
@@ -268,9 +281,10 @@ def toggle_wall_contact(event, gap, contact_state, time, absorber_velocity, loss
 
 @jit_inline
 def handle_contact_event(event, scene, reach, contact_state, state, time, observers):
-    """Set the regime after an event.
+    """Set the contact state after an event: stick, slip, or a wall contact begins or ends.
 
-    The slider sticks or slips, or a wall contact begins or ends.
+    ``state`` is the state at the event, ``time`` (s) that of the run, ``reach`` (m) as in
+    `find_guard_bounds`. The constant force is not updated.
     """
     half = state.shape[0] // 2
     r, v = compute_relative_motion(scene.contact, state)
@@ -305,9 +319,9 @@ def handle_contact_event(event, scene, reach, contact_state, state, time, observ
 
 @jit
 def init_compliant_contact(springs, gap, limit, contact_state, state, contact, counters):
-    """Set the first regime.
+    """Set the contact state at the start of a run, from the initial ``state``.
 
-    The slider starts without force. A wall that the absorber overlaps at the start is in contact.
+    With friction the slider sticks, without force. A wall that the absorber overlaps is in contact.
     """
     r, v = compute_relative_motion(contact, state)
     if abs(r) > gap or gap == 0.0:
@@ -325,7 +339,11 @@ def init_compliant_contact(springs, gap, limit, contact_state, state, contact, c
 
 @jit_inline
 def check_compliant_segment(check, scene, system, forced, window, bounds, workspace, offset):
-    """Check a search densely: no bound is passed, and a slider that slides does not turn."""
+    """Check a search on dense samples over a length ``offset`` (s).
+
+    The relative displacement must stay within ``bounds`` (low, high; m), and a slider that slides
+    must not turn.
+    """
     contact_state = workspace.contact_states[0]
     sign = 0.0
     if scene.limit is not None:
@@ -341,9 +359,10 @@ def check_compliant_segment(check, scene, system, forced, window, bounds, worksp
 
 @jit_inline
 def find_segment_end(system, forced, window, limit, low, high, workspace):
-    """Return the first event up to the window's end.
+    """Return the first `GuardEvent` up to the window's end, NOTHING without.
 
-    The event is a bound of the interval, or the reversal of a sliding slider.
+    The relative displacement, in ``workspace.signal``, reaches ``low`` or ``high`` (m), or a
+    sliding slider reverses (REVERSAL).
     """
     contact_state = workspace.contact_states[0]
     length = window.half - contact_state.tau
@@ -365,7 +384,11 @@ def find_segment_end(system, forced, window, limit, low, high, workspace):
 
 @jit_inline
 def advance_regime(regime, forced, scene, window, reach, workspace, observers):
-    """Advance a regime to its next event or the window's end; return the event."""
+    """Advance a regime to its next event or the window's end; return the `GuardEvent`.
+
+    Contact state and free amplitudes in ``workspace`` are then those at its end, before the event
+    is applied; the segment is passed to the observers.
+    """
     contact_state = workspace.contact_states[0]
     buffers = workspace.buffers
     counters = observers.counters
@@ -437,7 +460,7 @@ def advance_regime(regime, forced, scene, window, reach, workspace, observers):
 
 @jit
 def write_regime_state(regime, forced, omega, contact_state, buffers, state):
-    """Write the state in the current regime at the current time."""
+    """Write ``state`` in the current regime at the current time; ``buffers.rows`` is scratch."""
     w = buffers.rows[0]
     copy_amplitudes(buffers.z, w)
     add_forced(forced.polynomials, omega, contact_state.tau, 1.0, w)
@@ -451,7 +474,10 @@ def write_regime_state(regime, forced, omega, contact_state, buffers, state):
 
 @jit
 def read_regime_state(regime, forced, omega, contact_state, buffers, state):
-    """Set the free part of the amplitudes, and the absorber, from a state at the current time."""
+    """Write free amplitudes and the absorber's motion for a state at the current time.
+
+    They are written to ``buffers.z`` and ``contact_state``.
+    """
     half = state.shape[0] // 2
     contact_state.q = state[half - 1]
     contact_state.v = state[2 * half - 1]
@@ -462,7 +488,11 @@ def read_regime_state(regime, forced, omega, contact_state, buffers, state):
 
 @jit_allocating
 def new_compliant_workspace(regimes, load, state):
-    """Return the workspace of a scene under a load, None: under a chirp."""
+    """Return the workspace of a scene with four ``regimes``.
+
+    ``load``: workspace of the loads, None under the chirp of one force; ``state`` (2 N_m + 2,)
+    gives the size only.
+    """
     free, wall, friction, both = regimes
     size = free.system.rows.shape[1]
     forced = (
@@ -484,7 +514,10 @@ def new_compliant_workspace(regimes, load, state):
 
 @jit_inline
 def enter_compliant_regime(scene, window, workspace, state):
-    """Continue from a state in the regime that `find_regime_number` returns."""
+    """Continue from a state in the regime of the contact state.
+
+    Its forced response is solved unless it is known in this window.
+    """
     contact_state = workspace.contact_states[0]
     r = find_regime_number(contact_state)
     regime = scene.regimes[r]
@@ -497,7 +530,10 @@ def enter_compliant_regime(scene, window, workspace, state):
 
 @jit_inline
 def advance_to_compliant_event(scene, window, reach, workspace, state, observers):
-    """Advance to the next event, or to the window's end, and apply the event."""
+    """Advance to the next event, or to the window's end, and apply the event.
+
+    ``state`` is the state at the current time, before and after the call.
+    """
     contact_state = workspace.contact_states[0]
     energy = observers.energy
     r0, _ = compute_relative_motion(scene.contact, state)
@@ -520,9 +556,10 @@ def advance_to_compliant_event(scene, window, reach, workspace, state, observers
 
 @jit
 def integrate_compliant_section(scene, schedule, k, workspace, state, observers):
-    """Integrate section ``k`` of the schedule and return a status code.
+    """Integrate section ``k`` of the schedule and return a status code, DONE or an error.
 
-    ``state`` is carried from section to section.
+    ``state`` is that at the start of the section and becomes that at its end. The contact state
+    stays in ``workspace`` for the next section.
     """
     contact_state = workspace.contact_states[0]
     reach = 0.0  # of the slider's spring (m): limit over stiffness
@@ -551,10 +588,11 @@ def integrate_compliant_section(scene, schedule, k, workspace, state, observers)
 
 @jit_allocating
 def compliant_lane(scene, plan, state, observers):
-    """Integrate one run of a `CompliantScene` and return a status code.
+    """Integrate one run of a `CompliantScene` and return a status code, DONE or an error.
 
-    ``state`` (2 N_m + 2,) is the initial state and becomes the final one. The friction loss
-    contains the energy that the slider's spring stores at the end.
+    ``plan``: the `Schedule`, which is not written. ``state`` (2 N_m + 2,) is the initial state and
+    becomes the final one. The friction loss contains the energy that the slider's spring stores at
+    the end.
     """
     schedule = copy_schedule(plan)
     workspace = new_compliant_workspace(scene.regimes, schedule.load, state)
@@ -585,7 +623,12 @@ def compliant_lane(scene, plan, state, observers):
 
 @jit
 def finish_compliant_run(scene, workspace, state, end, observers):
-    """Record open contacts and phases at ``end`` (s), add what springs store, sample there."""
+    """Finish the observations of a run that ended at ``end`` (s) with ``state``.
+
+    Open wall contacts and stick phases are recorded, the energy that the slider's spring stores is
+    added to the friction loss, the loss in the walls' damper is moved to the impact loss, and a
+    sample at ``end`` is taken.
+    """
     contact_state = workspace.contact_states[0]
     contact = scene.contact
     if contact_state.sticks:

@@ -1,11 +1,12 @@
-"""The absorbers without relative velocity that move with the beam.
+"""Which of the absorbers without relative velocity stick, and in which direction the others slip.
 
-They are found by solving a small complementarity problem.
+This is decided by a small complementarity problem for their joint forces (`resolve_joints`).
 
-With the forces f of their joints the relative accelerations are c + G f, G being symmetric and
-positive definite (masses, and the beam's mobility between the places). Each force lies in the
-interval that friction and the wall touched can give. Inside it the relative acceleration is zero;
-at its upper end the absorber lags, at its lower end it leads. These are the conditions for the
+With the joint forces f the relative accelerations are c + G f. The compliance G is symmetric and
+positive definite: absorber masses, and the beam's mobility between the absorbers' places. Each
+force lies in the interval that friction and the touched wall allow. Inside the interval the
+relative acceleration is zero; at its upper bound the absorber lags behind the beam, at its lower
+bound it leads. These are the conditions for the
 minimum of f G f/2 + c f in a box, which is unique. It is found by block principal pivoting: all
 forces that break a condition change their case (inside, upper end, lower end) at once as long as
 that leaves fewer of them, else only the last one, which ends for any such matrix [1]. For one
@@ -34,12 +35,12 @@ from impact_env.kernels.exact.rigid_contact import (
 )
 from impact_env.kernels.motion.loads import evaluate_load
 
-# of the sum of the sizes of a condition's terms: the rounding of four additions and of a direct
-# solution is below 1e-14 of it, the smallest gap between two cases that are not one is far above
+# violation of a condition up to which it is satisfied, as a share of the sum of the sizes of its
+# terms: rounding is below 1e-14 of this sum, and a case that is really wrong violates by far more
 COMPLEMENTARITY_TOL = 1e-11
-# block pivots in a row that may leave as many wrong cases as before; pivots, of the number of
-# absorbers
+# block pivots in a row that may leave at least as many wrong cases as before
 MOST_BLOCK_PIVOTS = 3
+# pivots per absorber
 MOST_PIVOTS = 100
 # cases of a joint force
 FORCE_INSIDE = 0
@@ -53,19 +54,21 @@ class Joints(NamedTuple):
     An absorber is ``undecided`` if it has no relative velocity: it may stick or slip.
     """
 
-    # (n,) without the joint forces of undecided ones (m/s^2)
+    # (n,) without the joint forces of undecided absorbers (m/s^2)
     relative_acceleration: NDArray[np.float64]
-    acceleration_slack: NDArray[np.float64]  # (n,) sum of the sizes of its terms (m/s^2)
-    force: NDArray[np.float64]  # (n,) joint force (N)
+    # (n,) sum of the sizes of the terms of `relative_acceleration` (m/s^2)
+    acceleration_slack: NDArray[np.float64]
+    force: NDArray[np.float64]  # (n,) joint force on the absorber (N), 0 if not undecided
     beam_displacement: NDArray[np.float64]  # (n,) at the absorbers' places (m)
-    beam_velocity: NDArray[np.float64]  # (n,) m/s
+    beam_velocity: NDArray[np.float64]  # (n,) at the absorbers' places (m/s)
     undecided: NDArray[np.bool_]  # (n,)
     case: NDArray[np.int64]  # (n,) FORCE_INSIDE, FORCE_AT_UPPER, FORCE_AT_LOWER
-    inside: NDArray[np.int64]  # (n,) absorbers with forces inside their bounds
-    system: NDArray[np.float64]  # (n, n + 1) matrix and right-hand side for these forces
-    unsolved: NDArray[np.bool_]  # (1,) whether a problem had no solution up to rounding
+    # (n,) scratch: the absorbers with forces inside their bounds, or each absorber's right case
+    inside: NDArray[np.int64]
+    system: NDArray[np.float64]  # (n, n + 1) matrix and right-hand side for the forces inside
+    unsolved: NDArray[np.bool_]  # (1,) whether a problem of this run was not solved up to rounding
     freed: NDArray[np.bool_]  # (n,) absorbers that an impact separates from the beam
-    complete: NDArray[np.bool_]  # (n,) whether contact states include the base's motion
+    complete: NDArray[np.bool_]  # (n,) whether a contact state includes a moving base's motion
 
 
 @jit_allocating
@@ -89,7 +92,10 @@ def new_joints(n):
 
 @jit
 def compute_contact_kinematics(absorbers, state, joints):
-    """Write displacement and velocity of the beam at the absorbers' places."""
+    """Write displacement and velocity of the beam at the absorbers' places to ``joints``.
+
+    ``absorbers``: `sets.Absorbers`; ``state`` (2 N_m + 2 n,).
+    """
     n, modes = absorbers.shapes.shape
     half = n + modes
     for a in range(n):
@@ -104,7 +110,10 @@ def compute_contact_kinematics(absorbers, state, joints):
 
 @jit
 def compute_force_at(window, tau):
-    """Return the external force (N) at an offset ``tau`` (s) from the window's centre."""
+    """Return the external force (N) at an offset ``tau`` (s) from the window's centre.
+
+    Loads other than the chirp count only with their force, not with their moving bases.
+    """
     load = window.load
     if load is not None:
         return evaluate_load(load.terms, window.omega, tau)
@@ -116,7 +125,9 @@ def compute_force_at(window, tau):
 def compute_relative_accelerations(absorbers, losses, window, contact_states, state, joints):
     """Write the relative accelerations without the joint forces of undecided absorbers.
 
-    The sums of the sizes of their terms, which bound their rounding, are written as well.
+    They go to ``joints.relative_acceleration``, and the sums of the sizes of their terms, which
+    bound their rounding, to ``joints.acceleration_slack``. ``joints.undecided`` must be set;
+    ``state`` is that at the contact states' time, ``losses`` a `segments.Losses`.
     """
     n, modes = absorbers.shapes.shape
     half = n + modes
@@ -162,7 +173,7 @@ def compute_relative_accelerations(absorbers, losses, window, contact_states, st
 def compute_sticking_force(compliance, joints, a):
     """Return the joint force (N) for which absorber a has no relative acceleration.
 
-    All other joint forces are given.
+    All other joint forces are those of ``joints.force``. ``compliance`` (n, n) in 1/kg.
     """
     r = joints.relative_acceleration[a]
     for b in range(joints.force.shape[0]):
@@ -173,7 +184,7 @@ def compute_sticking_force(compliance, joints, a):
 
 @jit
 def set_forces_at_bounds(absorbers, contact_states, joints):
-    """Set the joint forces of the cases at a bound to it, all others to 0."""
+    """Set ``joints.force`` to the bound where the case is at a bound, and to 0 elsewhere."""
     for a in range(joints.force.shape[0]):
         joints.force[a] = 0.0
         if joints.undecided[a] and joints.case[a] != FORCE_INSIDE:
@@ -183,9 +194,11 @@ def set_forces_at_bounds(absorbers, contact_states, joints):
 
 @jit
 def solve_inside_forces(compliance, joints):
-    """Solve for the joint forces inside their bounds, the others being at their bounds.
+    """Solve for the joint forces whose case is FORCE_INSIDE, and write them to ``joints.force``.
 
-    Gaussian elimination of a symmetric positive definite matrix.
+    The other forces must be at their bounds (`set_forces_at_bounds`). The method is Gaussian
+    elimination without pivoting, as the matrix is symmetric and positive definite;
+    ``joints.system`` and ``joints.inside`` are overwritten.
     """
     system = joints.system
     inside = joints.inside
@@ -219,10 +232,10 @@ def solve_inside_forces(compliance, joints):
 
 @jit
 def find_better_case(absorbers, compliance, contact_states, joints, a):
-    """Return the right case of absorber a's joint force, and by how much the present case is wrong.
+    """Return the right case of absorber a's joint force, and the violation of the present case.
 
-    The right case is that of the conditions for the present forces. The violation is relative to
-    the sizes of the condition's terms, 0 where the present case is right.
+    The right case follows from the conditions for the present forces. The violation is relative to
+    the sum of the sizes of the condition's terms, and 0 where the present case is right.
     """
     low, high = find_joint_bounds(absorbers.limit[a], contact_states[a].side)
     case = joints.case[a]
@@ -268,7 +281,8 @@ def count_violations(absorbers, compliance, contact_states, joints):
 def solve_joint_forces(absorbers, compliance, contact_states, joints):
     """Find the joint forces that satisfy all conditions up to rounding.
 
-    ``joints.unsolved`` is set if this fails.
+    The undecided absorbers' forces and cases are written to ``joints.force`` and ``joints.case``.
+    ``joints.unsolved`` is set if no solution is found within MOST_PIVOTS pivots per absorber.
     """
     n = joints.force.shape[0]
     for a in range(n):
@@ -294,11 +308,12 @@ def solve_joint_forces(absorbers, compliance, contact_states, joints):
 
 @jit
 def resolve_joints(absorbers, losses, compliance, window, contact_states, state, joints, events):
-    """Decide for each undecided absorber whether it sticks, or the direction of its slip.
+    """Decide for each absorber of ``joints.undecided`` whether it sticks, or how it slips.
 
-    ``compliance`` (n, n) is that of the free beam, ``state`` the state at the current time. At a
-    bound of the joint force the absorber sticks: the rate of the force then decides in the joined
-    regime.
+    ``compliance`` (n, n) is that of the free beam (1/kg), ``state`` the state at the current time.
+    If the joint force is at a bound the absorber sticks: the rate of the force then decides in the
+    joined regime. ``contact_states`` are updated, joined phases that end are appended to
+    ``events``. The regime's amplitudes are not changed.
     """
     compute_contact_kinematics(absorbers, state, joints)
     compute_relative_accelerations(absorbers, losses, window, contact_states, state, joints)
@@ -324,7 +339,7 @@ def resolve_joints(absorbers, losses, compliance, window, contact_states, state,
 
 @jit
 def begin_stick(contact_state, place, time):
-    """Make an absorber stick if it does not stick already.
+    """Set the contact state of an absorber that sticks from ``time`` (s) on, or sticks already.
 
     ``place`` (m) is the displacement of the beam at the absorber.
     """
@@ -338,9 +353,10 @@ def begin_stick(contact_state, place, time):
 
 @jit
 def begin_slip(limit, contact_state, speed, sign, time, events):
-    """Make an absorber without relative velocity slip in direction ``sign``.
+    """Set the contact state of an absorber that slips from ``time`` (s) on in direction ``sign``.
 
-    ``speed`` (m/s) is the velocity of the beam at the absorber's place.
+    ``sign``: -1 or 1; ``speed`` (m/s) is the velocity of the beam at the absorber's place, and so
+    the absorber's. If the absorber was joined, its joined phase is appended to ``events``.
     """
     if contact_state.regime == JOINED:
         record_joined_phase(events, contact_state, time)

@@ -3,8 +3,8 @@
 These are scenes without absorber and with a stuck or tuned absorber. No time step and no event
 search is needed.
 
-The windows only renew the expansion of the chirp; the response is exact at every sample whatever
-their length.
+The load is expanded anew in each window; the response is exact at every sample, whatever the
+windows' length.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ class Linear(NamedTuple):
 
     regime: LinearRegime  # of beam and absorber
     losses: Losses  # data for the energy balance
-    gravity: float  # of the absorber's weight (m/s^2), 0 without
+    gravity: float  # acceleration by the absorber's weight (m/s^2), 0 without
 
 
 class LinearWorkspace(NamedTuple):
     """Motion and scratch memory of a run with one regime."""
 
-    buffers: Buffers  # ``z`` is the motion
+    buffers: Buffers  # between windows ``z`` holds the complete modal amplitudes
     forced: Forced  # response in the current window
     scratch: NDArray[np.float64]  # (2 N_m + 2,) a state
     no_motion: NDArray[Any]  # (1,) an ABSORBER_MOTION record of zeros
@@ -55,7 +55,11 @@ class LinearWorkspace(NamedTuple):
 
 @jit_allocating
 def new_linear_workspace(regime, load, state):
-    """Return the workspace of a scene under a load, None: under a chirp."""
+    """Return the workspace of a scene with one regime.
+
+    ``load``: workspace of the loads, None under the chirp of one force; ``state`` (2 N_m + 2,)
+    gives the size only.
+    """
     size = regime.system.rows.shape[1]
     return LinearWorkspace(
         new_buffers(size),
@@ -67,9 +71,9 @@ def new_linear_workspace(regime, load, state):
 
 @jit
 def add_weight_deflection(regime, gravity, sign, z):
-    """Add the static deflection under the absorber's weight, times ``sign``.
+    """Add the static deflection under the absorber's weight, times ``sign``, to z (2, J).
 
-    Returns the acceleration of the weight, or 0 without a weight.
+    Returns ``gravity`` (m/s^2), which is 0 without a weight.
     """
     if gravity != 0.0:
         add_weighted(regime.system.rows, REST, sign * gravity, z)
@@ -78,9 +82,10 @@ def add_weight_deflection(regime, gravity, sign, z):
 
 @jit_inline
 def skip_unobserved_window(scene, window, workspace, observers):
-    """Propagate over a window of a sampled load in which nothing is observed.
+    """Propagate over a window of a sampled load in which nothing is observed; return whether done.
 
-    Returns False, without propagation, if the window is not such a window.
+    If the load is not linear in the window, or something is observed, the result is False and the
+    amplitudes in ``workspace`` are unchanged.
     """
     load = window.load
     z = workspace.buffers.z
@@ -100,7 +105,7 @@ def skip_unobserved_window(scene, window, workspace, observers):
 
 @jit_inline
 def advance_window(scene, window, workspace, observers):
-    """Propagate over a window and pass it to the observers."""
+    """Propagate the amplitudes in ``workspace`` over a window and pass it to the observers."""
     regime = scene.regime
     system = scene.regime.system
     buffers = workspace.buffers
@@ -134,7 +139,10 @@ def advance_window(scene, window, workspace, observers):
 
 @jit_inline
 def integrate_linear_section(scene, schedule, k, workspace, observers):
-    """Propagate over section ``k`` of the schedule and return a status code."""
+    """Propagate over section ``k`` of the schedule and return a status code, DONE or an error.
+
+    The amplitudes stay in ``workspace`` for the next section.
+    """
     count = count_windows(schedule, k)
     for w in range(count):
         window = expand_window(schedule, k, w, count)
@@ -151,9 +159,10 @@ def integrate_linear_section(scene, schedule, k, workspace, observers):
 
 @jit_allocating
 def linear_lane(scene, plan, state, observers):
-    """Propagate one run of a `Linear` scene and return a status code.
+    """Propagate one run of a `Linear` scene and return a status code, DONE or an error.
 
-    ``state`` (2 N_m + 2,) is the initial state and becomes the final one.
+    ``plan``: the `Schedule`, which is not written. ``state`` (2 N_m + 2,) is the initial state and
+    becomes the final one.
     """
     schedule = copy_schedule(plan)
     regime = scene.regime

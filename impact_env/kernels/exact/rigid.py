@@ -4,13 +4,13 @@ In: a scene (`Rigid`), a schedule, the initial state, observers. Out: the final 
 code (`rigid_lane`). The integration proceeds window by window and event by event, in two regimes:
 
 - free: the beam's modes and the absorber move apart, with a constant force between them if there is
-  friction. Ends at a wall (impact), or where the relative velocity turns (friction).
-- joined: the absorber moves with the tip. Its force, absorber mass times tip acceleration, must
-  stay within what friction and the wall it touches can give; where it leaves that interval the
-  phase ends. It begins where friction can hold at a reversal, or after a complete chatter.
+  friction. It ends at a wall (impact), or where the relative velocity turns (friction).
+- joined: the absorber moves with the tip. It begins where friction can hold the absorber at a
+  reversal, or after a complete chatter. It ends where the joint force, absorber mass times tip
+  acceleration plus weight, leaves the interval that friction and the touched wall allow.
 
-A window begins in one of the two; the forced response of the other is solved when an event leads
-there.
+The forced response of the regime in which a window begins is solved at its start, that of the other
+regime when an event leads to it.
 """
 
 from __future__ import annotations
@@ -89,14 +89,15 @@ class Rigid(NamedTuple):
 
     free: LinearRegime  # regime of the absorber apart from the beam
     joined: LinearRegime  # regime of the absorber that moves with the beam
-    contact: ContactLaw  # its laws
+    contact: ContactLaw  # laws of the contact
     losses: Losses  # data for the energy balance
 
 
 class RigidWorkspace(NamedTuple):
     """Motion and scratch memory of a run with one absorber and rigid contact.
 
-    ``contact_states`` and ``buffers.z`` carry the motion from section to section.
+    ``contact_states`` and ``buffers.z`` carry the motion from section to section: there ``z`` is
+    the sum of the free and the forced part, within a window the free part only.
     """
 
     contact_states: NDArray[Any]  # (1,) a RIGID_CONTACT_STATE record
@@ -104,14 +105,18 @@ class RigidWorkspace(NamedTuple):
     signal: Signal  # guard signal
     free_forced: Forced  # response of the free regime
     joined_forced: Forced  # response of the joined regime
-    solved: NDArray[np.bool_]  # (2,) whether they are known in the current window
+    solved: NDArray[np.bool_]  # (2,) whether the response of FREE, JOINED is known in the window
     motion: NDArray[Any]  # (1,) as `Segment.motion`
     scratch: NDArray[np.float64]  # (2 N_m + 2,) a state
 
 
 @jit_allocating
 def new_rigid_workspace(free, joined, load, state):
-    """Return the workspace of a scene under a load, None: under a chirp."""
+    """Return the workspace of a scene with the regimes ``free`` and ``joined``.
+
+    ``load``: workspace of the loads, None under the chirp of one force; ``state`` (2 N_m + 2,)
+    gives the size only.
+    """
     size = free.system.rows.shape[1]
     contact_states = new_contact_states(1)
     contact_states[0].impulse_bound = bound_impulse_response(free.system.rows)
@@ -155,9 +160,10 @@ def add_base_motion(window, workspace, sign):
 
 @jit
 def assemble_amplitudes(regime, forced, omega, contact_state, z, w):
-    """Write the complete modal amplitudes at the current time to ``w``.
+    """Write the complete modal amplitudes at the current time to ``w`` (2, J).
 
-    They are the sum of the free, the forced and the static part.
+    They are the sum of the free part z, the forced part, and the static part under
+    ``contact_state.force``.
     """
     copy_amplitudes(z, w)
     add_forced(forced.polynomials, omega, contact_state.tau, 1.0, w)
@@ -166,7 +172,10 @@ def assemble_amplitudes(regime, forced, omega, contact_state, z, w):
 
 @jit
 def enter_regime(regime, forced, omega, contact_state, state, z):
-    """Write the free part of a regime's modal amplitudes for a state at the current time."""
+    """Write the free part of a regime's amplitudes, for a state at the current time, to z (2, J).
+
+    ``contact_state.force`` must be that of this regime.
+    """
     compute_amplitudes(regime.into, state, z)
     add_forced(forced.polynomials, omega, contact_state.tau, -1.0, z)
     add_weighted(regime.system.rows, REST, -contact_state.force, z)
@@ -174,7 +183,11 @@ def enter_regime(regime, forced, omega, contact_state, state, z):
 
 @jit
 def write_free_state(free, forced, omega, contact_state, buffers, state):
-    """Write the state in the free regime."""
+    """Write the ``state`` at the current time in the free regime.
+
+    The contact state must include the motion that a moving base gives the absorber
+    (`add_base_motion`). ``buffers.rows`` is scratch.
+    """
     assemble_amplitudes(free, forced, omega, contact_state, buffers.z, buffers.rows[0])
     compute_state(free.out, buffers.rows[0], state)
     half = state.shape[0] // 2
@@ -186,7 +199,8 @@ def write_free_state(free, forced, omega, contact_state, buffers, state):
 def compute_joint_force(joined, forced, omega, tau, contact, buffers):
     """Return the joint force (N) at ``tau`` in the joined regime, and the sum of its terms' sizes.
 
-    ``buffers.z`` holds the free part of the amplitudes.
+    Both in newtons. ``buffers.z`` holds the free part of the amplitudes, ``buffers.u`` is
+    overwritten.
     """
     apply_weights(joined.system.rows, GUARD, buffers.z, buffers.u)
     f = evaluate_signal(forced.signals, 0, omega, tau)
@@ -202,8 +216,11 @@ def compute_joint_force(joined, forced, omega, tau, contact, buffers):
 def try_stick(scene, window, workspace, state):
     """Join absorber and beam if the joint force is within its bounds; return True if joined.
 
-    Else the direction of slip is set. At a bound the absorber sticks: the rate of the joint force
-    then decides in the joined regime.
+    If the force is at a bound the absorber sticks: the rate of the force then decides in the joined
+    regime. ``state`` is that at the current time; the joined regime's forced response must be
+    known. If the result is False the direction of slip is set, ``contact_state.force`` is 0 and
+    ``buffers.z`` holds amplitudes of the joined regime: the caller must enter the free regime
+    (`enter_regime`).
     """
     contact_state = workspace.contact_states[0]
     joined = scene.joined
@@ -217,7 +234,7 @@ def try_stick(scene, window, workspace, state):
     )
     update_wall_contact(scene.contact.walls, contact_state, q_tip)
     low, high = find_joint_bounds(compute_static_limit(scene.contact), contact_state.side)
-    # at its bound the joint force decides in the joined regime, by its rate
+    # a joint force at its bound: its rate decides in the joined regime
     slack = JOINT_FORCE_TOL * scale
     contact_state.v = v_tip
     contact_state.offset = contact_state.q - q_tip
@@ -232,7 +249,7 @@ def try_stick(scene, window, workspace, state):
 
 @jit_inline
 def observe_segment(scene, segment, r, scratch, observers):
-    """Pass a segment in regime ``r`` to the observers of samples and energies."""
+    """Pass a segment in regime ``r`` (FREE, JOINED) to the observers of samples and energies."""
     sample_level(segment, observers.clock, observers.level)
     sample_state(segment, observers.clock, observers.series)
     add_energy(segment, scene.losses, scratch, r, observers.energy)
@@ -240,7 +257,11 @@ def observe_segment(scene, segment, r, scratch, observers):
 
 @jit_inline
 def advance_free_regime(scene, window, workspace, observers):
-    """Advance the free regime to its next event or to the window's end; return the event."""
+    """Advance the free regime to its next event or to the window's end; return the `GuardEvent`.
+
+    Contact state and free amplitudes in ``workspace`` are then those at its end, before the event
+    is applied; the segment is passed to the observers.
+    """
     free = scene.free
     forced = workspace.free_forced
     contact = scene.contact
@@ -295,9 +316,11 @@ def advance_free_regime(scene, window, workspace, observers):
 
 @jit_inline
 def advance_joined_regime(scene, window, workspace, observers):
-    """Advance the joined regime and return the kind of event.
+    """Advance the joined regime and return the kind of the event that ends it.
 
-    The regime lasts until the joint force leaves its bounds, or to the window's end.
+    It is HIT_LOW or HIT_HIGH, where the joint force leaves its bounds, or NOTHING at the window's
+    end. Time and free amplitudes in ``workspace`` are then those at the end, before the event is
+    applied; the segment is passed to the observers.
     """
     joined = scene.joined
     forced = workspace.joined_forced
@@ -345,9 +368,11 @@ def advance_joined_regime(scene, window, workspace, observers):
 
 @jit
 def release_absorber(scene, window, workspace, state, event, events):
-    """Leave the joined regime, because the joint force has left its bounds.
+    """Change to the free regime, because the joint force has left its bounds.
 
-    ``event``: HIT_HIGH, the absorber then lags behind the beam, or HIT_LOW, it leads.
+    ``event``: HIT_HIGH, the absorber then lags behind the beam, or HIT_LOW, it leads. The free
+    regime's forced response must be known. ``state`` is overwritten by that at the event, the
+    joined phase is appended to ``events``.
     """
     contact_state = workspace.contact_states[0]
     joined = scene.joined
@@ -372,9 +397,10 @@ def release_absorber(scene, window, workspace, state, event, events):
 
 @jit
 def init_regime(scene, window, workspace, state):
-    """Choose the first regime.
+    """Choose the first regime of a run, which begins with ``state``.
 
-    It is joined if the relative velocity is zero and friction or a wall can hold the absorber.
+    It is joined if the relative velocity is zero and friction or a wall can hold the absorber. The
+    forced responses of both regimes must be known. Contact state and ``buffers.z`` are written.
     """
     contact_state = workspace.contact_states[0]
     contact = scene.contact
@@ -419,9 +445,10 @@ def update_joined_response(scene, window, workspace):
 
 @jit_inline
 def add_forced_part(window, tau, sign, workspace):
-    """Add the forced response of the current regime to the modal amplitudes at ``tau`` (s).
+    """Add the current regime's forced response at ``tau``, times ``sign``, to the amplitudes.
 
-    It is multiplied by ``sign``.
+    In the free regime the motion of the absorber by a moving base is added as well. ``tau`` (s from
+    the window's centre) must be the contact state's time.
     """
     if workspace.contact_states[0].regime == FREE:
         add_forced(workspace.free_forced.polynomials, window.omega, tau, sign, workspace.buffers.z)
@@ -436,7 +463,8 @@ def add_forced_part(window, tau, sign, workspace):
 def enter_window(scene, window, started, workspace, state):
     """Begin a window: subtract the forced response, or choose the first regime of a run.
 
-    ``started`` False: the run begins with ``state``. Else the amplitudes hold the whole motion.
+    ``started`` False: the run begins with ``state``. Else ``state`` is not used, and the amplitudes
+    are the sum of free and forced part before, and the free part after the call.
     """
     contact_state = workspace.contact_states[0]
     contact_state.tau = -window.half
@@ -455,7 +483,7 @@ def enter_window(scene, window, started, workspace, state):
 def handle_event(scene, window, event, workspace, observers):
     """Apply the event that ended a free segment.
 
-    Returns True if the relative velocity is zero after the event.
+    Returns True if the relative velocity is zero after the event and the absorber may stick.
     """
     system = scene.free.system
     contact = scene.contact
@@ -474,7 +502,10 @@ def handle_event(scene, window, event, workspace, observers):
 
 @jit_inline
 def stick_or_slip(scene, window, workspace, state):
-    """Continue from zero relative velocity: stick if the joint force allows it, else slip."""
+    """Continue from zero relative velocity: stick if the joint force allows it, else slip.
+
+    The current regime is free. ``state`` is overwritten by that at the current time.
+    """
     contact_state = workspace.contact_states[0]
     buffers = workspace.buffers
     update_joined_response(scene, window, workspace)
@@ -491,7 +522,10 @@ def stick_or_slip(scene, window, workspace, state):
 
 @jit_inline
 def advance_to_event(scene, window, workspace, state, observers):
-    """Advance the current regime to its next event, or to the window's end, and apply the event."""
+    """Advance the current regime to its next event, or to the window's end, and apply the event.
+
+    The motion is in ``workspace``; ``state`` (2 N_m + 2,) is scratch.
+    """
     if workspace.contact_states[0].regime == FREE:
         event = advance_free_regime(scene, window, workspace, observers)
         if handle_event(scene, window, event, workspace, observers):
@@ -505,10 +539,10 @@ def advance_to_event(scene, window, workspace, state, observers):
 
 @jit_inline
 def integrate_rigid_section(scene, schedule, k, started, workspace, state, observers):
-    """Integrate section ``k`` of the schedule and return a status code.
+    """Integrate section ``k`` of the schedule and return a status code, DONE or an error.
 
-    ``started`` False: the first section of a run, which begins with ``state``. The motion stays in
-    ``workspace`` for the next section.
+    ``started`` False: the first section of a run, which begins with ``state``. Else ``state`` is
+    scratch: the motion stays in ``workspace`` from section to section (`write_current_state`).
     """
     contact_state = workspace.contact_states[0]
     count = count_windows(schedule, k)
@@ -534,9 +568,10 @@ def integrate_rigid_section(scene, schedule, k, started, workspace, state, obser
 
 @jit_allocating
 def rigid_lane(scene, plan, state, observers):
-    """Integrate one run of a `Rigid` scene and return a status code.
+    """Integrate one run of a `Rigid` scene and return a status code, DONE or an error.
 
-    ``state`` (2 N_m + 2,) is the initial state and becomes the final one.
+    ``plan``: the `Schedule`, which is not written. ``state`` (2 N_m + 2,) is the initial state and
+    becomes the final one, after an error that at the time reached.
     """
     schedule = copy_schedule(plan)
     workspace = new_rigid_workspace(scene.free, scene.joined, schedule.load, state)
@@ -560,7 +595,10 @@ def rigid_lane(scene, plan, state, observers):
 
 @jit
 def write_current_state(scene, workspace, state):
-    """Write the state at the end of a section, or where the run was given up."""
+    """Write the ``state`` at the end of a section, or where the run was given up.
+
+    The amplitudes in ``workspace`` must be the sum of free and forced part.
+    """
     contact_state = workspace.contact_states[0]
     buffers = workspace.buffers
     half = state.shape[0] // 2

@@ -49,15 +49,16 @@ from impact_env.kernels.motion.segments import Buffers
 
 FREE = 0
 JOINED = 1
-# of the sizes of a joint force's terms: a hundred times what the change to the joined modes' basis
-# may be off (`regimes.SOUND`), so that an absorber that a bound just holds is not released by
-# rounding; one is held beyond its bound by no more than that share
+# share of the sum of the sizes of a joint force's terms by which the force may exceed its bound: a
+# hundred times the allowed error of the change to the joined modes' basis (`regimes.SOUND`), so
+# that rounding does not release an absorber whose joint force is at a bound
 JOINT_FORCE_TOL = 1e-9
 LEAST_CHATTER_DECAY = 0.1  # 1 - e counts as at least this where a chatter is completed
-# of a signal: above what the search takes for zero distance
+# share of a signal's scale: larger than the distance that the search takes for zero
 POSITION_ROUNDING = 16.0 * SIGNAL_ROUNDING
 
-# a contact between two events; signs refer to the absorber relative to the beam
+# a contact between two events; signs refer to the absorber relative to the beam. Under a moving
+# base q and v of a free absorber lack the motion that the base causes (`add_base_motion`)
 RIGID_CONTACT_STATE = record_type(
     regime=INTEGER,  # FREE or JOINED
     tau=NUMBER,  # time from the window's centre (s)
@@ -65,13 +66,13 @@ RIGID_CONTACT_STATE = record_type(
     v=NUMBER,  # its velocity (m/s)
     a=NUMBER,  # its acceleration (m/s^2)
     force=NUMBER,  # constant force on the absorber (N); joined, one absorber: its gravity (m/s^2)
-    sign=NUMBER,  # sign of the relative velocity, -1 or 1
+    sign=NUMBER,  # sign of the relative velocity (direction of slip), -1 or 1
     side=NUMBER,  # wall touched: -1 lower, 1 upper, 0 none
     at_rest=FLAG,  # whether the relative velocity is zero
-    offset=NUMBER,  # displacement of a joined absorber from the beam (m)
+    offset=NUMBER,  # displacement of a joined absorber relative to the beam (m)
     phase_start=NUMBER,  # start of the joined phase (s)
     impulse_bound=NUMBER,  # largest relative acceleration by a unit impulse (1/(kg s))
-    absorber=INTEGER,  # number of the absorber
+    absorber=INTEGER,  # number of the absorber, from 0
 )
 
 
@@ -80,7 +81,8 @@ class Walls(NamedTuple):
 
     gap: float  # clearance to either wall (m)
     restitution: float  # Newton's coefficient
-    yield_velocity: float = np.inf  # velocity above which it falls (m/s); infinity: it does not
+    # relative velocity (m/s) above which the coefficient falls, infinity: constant coefficient
+    yield_velocity: float = np.inf
 
 
 NO_WALLS_GAP = 1e300
@@ -90,17 +92,17 @@ NO_WALLS = Walls(NO_WALLS_GAP, 1.0)  # out of reach: what a scene without walls 
 class ContactLaw(NamedTuple):
     """Laws of one rigid contact."""
 
-    mass: float  # of the absorber (kg)
+    mass: float  # mass of the absorber (kg)
     compliance: float  # G = 1/mass + sum tip_shape^2 (1/kg)
     tip_shape: NDArray[np.float64]  # (N_m,)
-    walls: Walls  # `NO_WALLS` without
-    limit: float | None  # of sliding friction (N), None without
+    walls: Walls  # `NO_WALLS` for a scene without walls
+    limit: float | None  # limit of sliding friction (N), None without friction
     gravity: float  # weight over mass, towards the lower wall (m/s^2); 0: across the motion
     static_ratio: float  # limit of static over that of sliding friction, 1 or above
 
 
 class AbsorberView(NamedTuple):
-    """One absorber in motion."""
+    """One absorber in motion; functions change all three parts in place."""
 
     contact_state: Any  # a RIGID_CONTACT_STATE record
     buffers: Buffers  # of the modal amplitudes
@@ -121,14 +123,22 @@ def new_contact_states(n):
 
 @jit
 def update_friction_force(limit, contact_state):
-    """Set the constant friction force from the direction of slip; nothing without friction."""
+    """Set ``contact_state.force`` (N) to the friction force for its direction of slip.
+
+    Without friction (``limit`` None) it is left as it is.
+    """
     if limit is not None:
         contact_state.force = -contact_state.sign * limit
 
 
 @jit
 def add_friction_loss(limit, system, forced, omega, body, tau, offset, energy):
-    """Add friction limit times the distance slid."""
+    """Add the friction loss of a segment, friction limit times the distance slid, to ``energy``.
+
+    The segment begins at ``tau`` (s from the window's centre) and is ``offset`` (s) long;
+    ``body.signal`` is the relative displacement from ``tau`` on. Nothing is added if ``limit`` or
+    ``energy`` is None.
+    """
     if energy is None or limit is None:
         return
     start = evaluate_value_at_offset(system, forced.signals, omega, body.signal, tau, 0.0)
@@ -138,9 +148,10 @@ def add_friction_loss(limit, system, forced, omega, body, tau, offset, energy):
 
 @jit
 def update_slip_direction(system, limit, sign, contact_state, z):
-    """Set a new direction of slip.
+    """Set the direction of slip, ``sign`` -1 or 1, and the friction force in ``contact_state``.
 
-    The free part z of the amplitudes is shifted by the change of the friction force.
+    The free part z (2, J) of the amplitudes is shifted by the change of the static part, so that
+    the motion is continuous. Nothing is changed without friction (``limit`` None).
     """
     if limit is None:
         return
@@ -152,9 +163,11 @@ def update_slip_direction(system, limit, sign, contact_state, z):
 
 @jit
 def reverse_or_stick(system, contact, limit, body, event):
-    """Decide between stick and slip at zero relative velocity.
+    """Return whether static friction holds the absorber at zero relative velocity.
 
-    Returns True if static friction holds. Otherwise the slip is reversed and the result is False.
+    If it does not, the direction of slip is reversed in ``body``, with the friction force and the
+    free amplitudes. If it does, or without friction (``limit`` None, result False), ``body`` is
+    unchanged. ``event`` is the REVERSAL.
     """
     if limit is None:
         return False
@@ -179,9 +192,11 @@ def compute_static_limit(contact):
 
 @jit
 def find_joint_bounds(limit, side):
-    """Return the bounds (N) of the joint force on the absorber.
+    """Return the lower and the upper bound (N) of the joint force on the absorber.
 
-    They follow from static friction and from the force of the wall that the absorber touches.
+    They follow from the limit of static friction (N, None without friction) and from the wall that
+    the absorber touches (``side`` as in the contact's record), whose push is unbounded: an upper
+    wall pushes down, a lower one up.
     """
     low = 0.0
     high = 0.0
@@ -208,7 +223,10 @@ def record_joined_phase(events, contact_state, time):
 
 @jit
 def compute_tip_motion(contact, state):
-    """Return displacement (m) and velocity (m/s) of the tip."""
+    """Return displacement (m) and velocity (m/s) of the beam at the contact, from a state.
+
+    ``contact.tip_shape`` has the mode shapes there.
+    """
     half = state.shape[0] // 2
     q = 0.0
     v = 0.0
@@ -220,9 +238,10 @@ def compute_tip_motion(contact, state):
 
 @jit_inline
 def update_wall_contact(walls, contact_state, q_tip):
-    """Set the wall that an absorber touches.
+    """Set ``contact_state.side`` if the absorber touches a wall, else leave it unchanged.
 
-    It touches a wall if their distance is below rounding, as after a plastic impact.
+    It touches a wall if their distance is below rounding, as after a plastic impact. ``q_tip`` (m):
+    displacement of the beam at the absorber.
     """
     if walls.gap < np.inf and abs(contact_state.q - q_tip) >= walls.gap - 4.0 * EPSILON * (
         walls.gap + abs(contact_state.q) + abs(q_tip)
@@ -232,9 +251,11 @@ def update_wall_contact(walls, contact_state, q_tip):
 
 @jit
 def detect_wall_contact(contact, walls, contact_state, state):
-    """Set the wall that an absorber touches and the direction of slip.
+    """Set the wall that an absorber touches and the direction of slip in ``contact_state``.
 
-    Returns the absorber's relative velocity (m/s).
+    Displacement and velocity of the absorber are those of ``contact_state``, those of the beam
+    follow from ``state``. Returns the absorber's relative velocity (m/s); if it is zero the
+    direction is -1.
     """
     q_tip, v_tip = compute_tip_motion(contact, state)
     relative = contact_state.v - v_tip
@@ -256,8 +277,10 @@ def compute_restitution(walls, v):
 def apply_impact(system, forced, window, walls, contact, body, event, observers):
     """Apply Newton's impact law; return True if a complete chatter was ended by a plastic impulse.
 
-    The impulse is -(1 + e) v / G. Where all bounces to come stay below the rounding of the
-    position, the remaining relative velocity is taken out at once.
+    The impulse is -(1 + e) v / G with the relative velocity v at the ``event``, HIT_LOW or
+    HIT_HIGH. Where all bounces to come stay below the rounding of the position, the remaining
+    relative velocity is taken out at once. The contact state of ``body`` (displacement, velocity,
+    wall, direction of slip), its free amplitudes and the observers are updated.
     """
     contact_state = body.contact_state
     z = body.buffers.z
@@ -274,7 +297,7 @@ def apply_impact(system, forced, window, walls, contact, body, event, observers)
     contact_state.side = side
     observers.counters.counts.impacts += 1
 
-    # largest relative acceleration after the impact
+    # bound of the relative acceleration after the impact
     largest = (
         abs(event.bend)
         + abs(impulse) * contact_state.impulse_bound
@@ -307,7 +330,8 @@ def apply_impact(system, forced, window, walls, contact, body, event, observers)
 def bound_impulse_response(rows):
     """Return a bound of the relative acceleration after a unit impulse (1/(kg s)).
 
-    The impulse acts between beam and absorber.
+    The impulse acts between beam and absorber. ``rows`` (ROWS, J) of a free regime's
+    `ModalSystem`, whose guard signal is the relative displacement.
     """
     bound = 0.0
     for j in range(rows.shape[1]):
@@ -322,8 +346,10 @@ def bound_impulse_response(rows):
 def is_chatter_complete(system, forced, window, walls, body, side, after, largest):
     """Return whether all bounces to come stay below the rounding of the position.
 
-    Their heights sum to v^2/(2 a (1 - e)). ``largest`` (m/s^2) bounds the relative acceleration
-    after the impact.
+    ``side``: the wall, -1 or 1. ``after`` (m/s): relative velocity v after the impact; the heights
+    of the bounces sum to v^2/(2 a (1 - e)) under the relative acceleration a. ``largest`` (m/s^2)
+    bounds a, so that most impacts are decided without computing it; otherwise ``body.signal.u`` is
+    overwritten.
     """
     signal = body.signal
     height = (
@@ -344,12 +370,14 @@ def is_chatter_complete(system, forced, window, walls, body, side, after, larges
 def find_end_of_flight(system, forced, window, walls, limit, body, deflection, length):
     """Return the first event within ``length`` (s) of an absorber apart from the beam.
 
-    ``deflection`` (m): static displacement of the beam at its place under the constant forces.
+    The event is a `GuardEvent`: a wall (HIT_LOW, HIT_HIGH), with friction a REVERSAL, or NOTHING.
+    ``limit`` None: no friction. ``deflection`` (m): static displacement of the beam at the absorber
+    under the constant forces. ``body.signal`` is overwritten by the relative displacement.
     """
     contact_state = body.contact_state
     signal = body.signal
     p = body.signal.polynomial
-    # before all else: what the caller has just written is still in registers
+    # first of all, while the numbers that the caller has just written are still in registers
     p[0] = contact_state.q - deflection
     p[1] = contact_state.v
     p[2] = contact_state.a
@@ -381,7 +409,9 @@ def find_end_of_flight(system, forced, window, walls, limit, body, deflection, l
 def find_end_of_hold(system, forced, window, limit, weight, body, length):
     """Return the event within ``length`` (s) at which the joint force leaves its bounds.
 
-    ``weight`` (N): static part of the joint force.
+    The event is a `GuardEvent`: HIT_LOW, HIT_HIGH or NOTHING. ``limit`` (N): of static friction,
+    None without. ``weight`` (N): static part of the joint force. ``body.signal`` is overwritten by
+    the joint force.
     """
     signal = body.signal
     apply_weights(system.rows, GUARD, body.buffers.z, signal.u)

@@ -30,17 +30,17 @@ from impact_env.kernels.motion.modal_system import LARGEST_RATE
 
 # bounds of an absorber's guard signal from a time on, through all events of others
 SAFE_TIME = record_type(
-    taken_at=NUMBER,  # that time (s from the window's centre)
+    taken_at=NUMBER,  # time of the evaluation (s from the window's centre), NaN: to be evaluated
     to_low=NUMBER,  # signal less its lower guard and its rounding
     to_high=NUMBER,  # upper guard less the signal and its rounding
     rate=NUMBER,  # rate of the signal
-    rate_change=NUMBER,  # by which events of others have changed the rate at most
+    rate_change=NUMBER,  # bound of the rate's rounding and of its changes by events of others
     curvature=NUMBER,  # bound of the second derivative
     direction=NUMBER,  # sign that the rate must keep, 0: any
-    until=NUMBER,  # time before which there is no event (s)
+    until=NUMBER,  # time before which there is no event (s from the window's centre)
 )
-# of the time that a signal which starts on a guard, and leaves it, needs to come back to it at the
-# earliest: a start that rounding could spoil is searched
+# share of the earliest time at which a signal that starts on a guard, and leaves it, can return to
+# it: because of rounding at the start not all of this time is taken as safe
 RETURN_SHARE = 0.5
 
 
@@ -54,7 +54,7 @@ def forget_safe_times(safe_times):
 
 @jit
 def find_most_urgent(safe_times):
-    """Return the absorber whose next event may come first."""
+    """Return the number of the absorber whose next event may come first."""
     first = 0
     for a in range(1, safe_times.shape[0]):
         if safe_times[a].until < safe_times[first].until:
@@ -92,9 +92,10 @@ def _set_until(safe):
 
 @jit
 def update_safe_time(scene, window, s, a, workspace):
-    """Compute the safe time of absorber a at the current time.
+    """Compute the safe time of absorber a at the current time, in the set at position s.
 
-    The set of joined absorbers is at position s. The guard signal of the absorber is filled.
+    The absorber's guard signal must be filled (`fill_guard_signal`), its forced part known
+    (`update_guard_response`). ``workspace.safe_times[a]`` is written.
     """
     sets = scene.sets
     absorbers = scene.absorbers
@@ -131,10 +132,10 @@ def update_safe_time(scene, window, s, a, workspace):
 
 @jit
 def update_safe_times_after_event(sets, s, a, impulse, workspace):
-    """Correct the safe times after an event of absorber a that has not changed the set at place s.
+    """Correct the safe times after an event of absorber a that left set s unchanged.
 
-    ``impulse`` (N s): on absorber a. Friction forces that have changed differ from
-    ``workspace.forces``.
+    ``impulse`` (N s): on absorber a. ``workspace.forces`` are the constant forces before the event.
+    Absorbers that must be evaluated again have ``taken_at`` NaN.
     """
     contact_states = workspace.contact_states
     safe_times = workspace.safe_times
@@ -161,7 +162,7 @@ def update_safe_times_after_event(sets, s, a, impulse, workspace):
 def may_turn(sets, s, a, b, impulse, workspace):
     """Return whether an impulse (N s) on absorber a may change the sign of b's relative velocity.
 
-    It cannot where the safe time of b is known and bounds its rate away from zero.
+    The result is False only if the safe time of b is known and bounds its rate away from zero.
     """
     safe = workspace.safe_times[b]
     if np.isnan(safe.taken_at) or workspace.contact_states[b].at_rest:

@@ -3,13 +3,13 @@
 Each set of absorbers that move with the beam (joined) has one regime, in which the others are apart
 from the beam.
 
-There are 2^n sets of n absorbers, and nearly all time is spent in few of them. So a run has a
-number of places for regimes: place 0 always holds the free beam, the others are filled when a set
-is first needed, by a function in Python (`regime_sets.RegimePlaces`), and filled again when all are
-taken. A regime is one of `segments.LinearRegime`, and a guard signal one of those that a single
-absorber has: relative displacement of an absorber apart, joint force of a joined one. What differs
-from absorber to absorber is a row of weights. The last row, index n, belongs to the place where the
-level is measured.
+There are 2^n sets of n absorbers, and nearly all time is spent in few of them. So a run has K
+positions in memory for regimes. Position 0 always holds the regime without joined absorbers. The
+others are filled when a set is first needed, by a function in Python (`regime_sets.RegimePlaces`);
+if all are in use, the least recently used one is filled again. A regime is as
+`segments.LinearRegime`, and a guard signal as that of a single absorber: relative displacement of
+an absorber apart, joint force of a joined one. The weights (`Sets.rows`) differ between absorbers;
+the last ones, index n, belong to the place on the beam where the level is measured.
 """
 
 from __future__ import annotations
@@ -49,17 +49,17 @@ from impact_env.kernels.motion.segments import compute_amplitudes
 
 Array = NDArray[np.float64]
 
-# the current set, and how a place is filled for another one
+# the current set, and how a position is filled for another one
 SET_REQUEST = record_type(
-    place=INTEGER,  # place of the current set
-    uses=INTEGER,  # uses of places so far
-    fill_address=INTEGER,  # address of the function that fills a place for `Sets.wanted`
-    failed=FLAG,  # whether it has failed
+    place=INTEGER,  # position of the current set
+    uses=INTEGER,  # uses and fillings of positions so far
+    fill_address=INTEGER,  # address of the function that fills a position for `Sets.wanted`
+    failed=FLAG,  # whether this function has failed
 )
 
 
 class Sets(NamedTuple):
-    """The regimes of n absorbers at K places, each for one set of joined absorbers.
+    """The regimes of n absorbers at K positions, each for one set of joined absorbers.
 
     Row a of ``rows`` has the weights of absorber a: GUARD its signal, TIP the beam at its place,
     RELATIVE and REST a force on it; row n those of the level's place, without such forces.
@@ -77,9 +77,9 @@ class Sets(NamedTuple):
     deflection: Array  # (K, n + 1, n) at each place under a unit force on absorber b (m/N)
     compliance: Array  # (K, n, n) relative acceleration of a by a unit force on b (1/kg)
     velocity_bound: Array  # (K, n, n) of the rate of a's signal after a unit impulse on b
-    acceleration_bound: Array  # (K, n, n) of its second derivative
-    joined: NDArray[np.bool_]  # (K, n) the set
-    last_use: NDArray[np.int64]  # (K,) number of the last use of a place, 0: empty
+    acceleration_bound: Array  # (K, n, n) of its second derivative after a unit impulse on b
+    joined: NDArray[np.bool_]  # (K, n) whether an absorber is joined in the set
+    last_use: NDArray[np.int64]  # (K,) number of the last use of a position, 0: empty
     last_fill: NDArray[np.int64]  # (K,) number of its last filling
     wanted: NDArray[np.bool_]  # (n,) set to be filled
     request: Any  # a SET_REQUEST record
@@ -91,7 +91,8 @@ class Absorbers(NamedTuple):
     mass: Array  # (n,) kg
     gap: Array  # (n,) half-clearance (m), infinity: no walls
     restitution: Array  # (n,)
-    yield_velocity: Array  # (n,) velocity above which it falls (m/s), infinity: it does not
+    # (n,) relative velocity (m/s) above which the restitution falls, infinity: constant
+    yield_velocity: Array
     limit: Array  # (n,) friction limit (N), 0: none
     gravity: Array  # (n,) weight over mass, towards the lower wall (m/s^2)
     shapes: Array  # (n, N_m) at the absorbers' places
@@ -107,7 +108,7 @@ class ForcedSets(NamedTuple):
     bound: Array  # (K, n + 1, DERIVATIVES + SCANNED)
     carrier: Array  # (K, L, 2, POINTS)
     terms: Array  # (2, TERMS)
-    # (K, n + 1) whether an absorber's signal is known; last, the response
+    # (K, n + 1) whether an absorber's signal is known; index n: the response itself
     solved: NDArray[np.bool_]
 
 
@@ -156,7 +157,7 @@ def new_signal_set(sets):
 
 @jit_view
 def view_set_system(sets, s, rows):
-    """Return the modal system of the set at place s with the weights ``rows``."""
+    """Return the modal system of the set at position s with the weights ``rows`` (ROWS, J)."""
     return ModalSystem(
         rows,
         sets.table[s],
@@ -172,7 +173,8 @@ def view_set_system(sets, s, rows):
 def view_set_response(flow, s, place):
     """Return the forced response of the set at position s with the signals of one place.
 
-    The place is that of an absorber or that of the level.
+    ``place``: number of an absorber, or n for the level's place on the beam. ``flow``:
+    `ForcedSets`.
     """
     return Forced(
         flow.polynomials[s],
@@ -186,7 +188,7 @@ def view_set_response(flow, s, place):
 
 @jit_view
 def view_signal(signals, a):
-    """Return the signal of absorber a."""
+    """Return the guard signal of absorber a, a view of ``signals`` (`SignalSet`)."""
     return Signal(
         signals.u[a], signals.polynomial[a], signals.moving[a], signals.block[a], signals.memory[a]
     )
@@ -194,13 +196,13 @@ def view_signal(signals, a):
 
 @jit
 def is_joined(sets, s, a):
-    """Return whether absorber a is joined in the set at place s."""
+    """Return whether absorber a is joined in the set at position s."""
     return sets.joined[s, a]
 
 
 @jit
 def _is_current_set(sets, s, contact_states):
-    """Return whether the absorbers that are joined now are the set at place s."""
+    """Return whether the absorbers that are joined now are the set at position s."""
     same = True
     for a in range(contact_states.shape[0]):
         same = same and sets.joined[s, a] == (contact_states[a].regime == JOINED)
@@ -211,7 +213,8 @@ def _is_current_set(sets, s, contact_states):
 def find_joined_set(sets, contact_states):
     """Return the position of the set of joined absorbers.
 
-    The set's regime is made if it does not exist yet.
+    It becomes the current set. If its regime is not stored, a function in Python makes it, which
+    may replace that of another set; ``sets.request.failed`` then says whether this failed.
     """
     request = sets.request
     if _is_current_set(sets, request.place, contact_states):
@@ -234,7 +237,11 @@ def find_joined_set(sets, contact_states):
 
 @jit
 def update_set_response(sets, window, s, workspace):
-    """Solve the forced response of the set at place s in a window, unless it is known."""
+    """Solve the forced response of the set at position s in a window, unless it is known.
+
+    It is written to ``workspace.forced_sets``. If the position was filled anew, its
+    ``workspace.place_rows`` are written as well.
+    """
     n = sets.deflection.shape[2]
     flow = workspace.forced_sets
     if workspace.last_fill[s] != sets.last_fill[s]:
@@ -257,7 +264,8 @@ def update_set_response(sets, window, s, workspace):
 def update_guard_response(sets, absorbers, window, s, a, flow):
     """Solve the forced part of absorber a's guard signal in the set at position s.
 
-    The response of the set must be known. Nothing is done if the forced part is known already.
+    The response of the set must be known (`update_set_response`). The result is written to
+    ``flow`` (`ForcedSets`), unless the forced part is known already.
     """
     if flow.solved[s, a]:
         return
@@ -276,7 +284,7 @@ def add_base_motion(sets, window, s, a, sign, workspace):
     """Add a moving base's motion of the free absorber a, times ``sign``, to its contact state.
 
     Between events the contact state holds the rest of the motion, a polynomial of second order. The
-    response of the set at place s must be known.
+    response of the set at position s must be known.
     """
     load = window.load
     if load is not None:
@@ -292,7 +300,7 @@ def add_base_motion(sets, window, s, a, sign, workspace):
 def fill_guard_signal(scene, s, a, workspace):
     """Fill the free part of absorber a's guard signal in the set at position s.
 
-    The signal begins at the current time.
+    The signal begins at the current time. It is written to ``workspace.signals``.
     """
     sets = scene.sets
     contact_state = workspace.contact_states[a]
@@ -311,10 +319,10 @@ def fill_guard_signal(scene, s, a, workspace):
 
 @jit
 def update_static_deflection(sets, absorbers, contact_states, s, place_rows, deflection):
-    """Write the static response to the constant forces of all absorbers in the set at place s.
+    """Write the static response to the constant forces of all absorbers in the set at position s.
 
-    The amplitudes' rest part goes to place_rows[s], the displacement (m) of each place to
-    ``deflection``.
+    The amplitudes' rest part goes to the rows REST of place_rows[s], the displacement (m) of the
+    beam at each absorber and at the level's place to ``deflection`` (n + 1,).
     """
     n = contact_states.shape[0]
     place_rows[s, REST, :] = 0.0
@@ -332,9 +340,11 @@ def update_static_deflection(sets, absorbers, contact_states, s, place_rows, def
 
 @jit
 def enter_set(sets, absorbers, window, s, workspace, state):
-    """Write the free part of the amplitudes of the set at position s.
+    """Write the free part of the amplitudes of the set at position s to ``workspace.buffers.z``.
 
-    It follows from a state and from the absorbers' constant forces.
+    It follows from the ``state`` at the current time and from the absorbers' constant forces, whose
+    static response is written as well (`update_static_deflection`). The forced response must be
+    known.
     """
     z = workspace.buffers.z
     update_static_deflection(

@@ -4,9 +4,12 @@ The module contains the loop over the events of rigid contact, for any set of jo
 (sets.py).
 
 Each absorber has its own guard signal in the regime of the current set, and the next event is the
-earliest one. Signals, searches, impact law and friction are those of the single absorber. What one
-absorber's event does to the others is in several_events.py; which guards need not be searched,
-since none of them can be reached before the earliest event found, is in safe_times.py.
+earliest one. Signals, searches, impact law and friction are those of the single absorber. The
+effect of one absorber's event on the others is in several_events.py. Guards that cannot be reached
+before the earliest event found are not searched (safe_times.py).
+
+In: a scene (`Several`), a schedule, the initial state, observers. Out: the final state and a status
+code (`several_lane`).
 """
 
 from __future__ import annotations
@@ -102,7 +105,7 @@ class Several(NamedTuple):
 
 
 class SeveralWorkspace(NamedTuple):
-    """Motion and scratch memory of a run with n absorbers and K places for regimes."""
+    """Motion and scratch memory of a run with n absorbers and K positions for regimes."""
 
     contact_states: NDArray[Any]  # (n,) RIGID_CONTACT_STATE records
     buffers: Buffers  # ``z`` is the free part of the amplitudes
@@ -110,18 +113,18 @@ class SeveralWorkspace(NamedTuple):
     forced_sets: ForcedSets  # responses in the current window
     joints: Joints  # of the joint forces
     place_rows: Array  # (K, ROWS, J) weights of the level's place, with the constant forces
-    deflection: Array  # (n + 1,) of the places under the constant forces (m)
+    deflection: Array  # (n + 1,) of the beam at absorbers and level, under constant forces (m)
     motion: NDArray[Any]  # (n,) as `Segment.motion`; between two sets the relative motion
     safe_times: NDArray[Any]  # (n,) SAFE_TIME records
-    last_fill: NDArray[np.int64]  # (K,) filling of each place that the responses belong to
-    last_account: NDArray[np.int64]  # (K,) filling that the energies belong to
+    last_fill: NDArray[np.int64]  # (K,) filling of each position that the responses belong to
+    last_account: NDArray[np.int64]  # (K,) filling of each position that the energies belong to
     forces: Array  # (n,) constant forces before an event (N)
     scratch: Array  # (2 N_m + 2 n,) a state
 
 
 @jit_allocating
 def new_several_workspace(sets, absorbers, state):
-    """Return the workspace of a run."""
+    """Return the workspace of a run; ``state`` (2 N_m + 2 n,) gives the size only."""
     n = absorbers.mass.shape[0]
     count, _, rows, size = sets.rows.shape
     contact_states = new_contact_states(n)
@@ -148,9 +151,9 @@ def new_several_workspace(sets, absorbers, state):
 
 @jit
 def find_absorber_event(scene, window, s, a, length, workspace):
-    """Return the first event of absorber a within ``length`` (s) in the set at position s.
+    """Return the first `GuardEvent` of absorber a within ``length`` (s) in the set at position s.
 
-    The forced part of the absorber's guard signal must be known.
+    The forced part of the absorber's guard signal must be known; the signal is filled.
     """
     sets = scene.sets
     absorbers = scene.absorbers
@@ -175,7 +178,10 @@ def find_absorber_event(scene, window, s, a, length, workspace):
 
 @jit
 def find_earliest_event(scene, window, s, counters, workspace):
-    """Return the absorber with the earliest event, and the event; NOTHING at the window's end.
+    """Return the absorber with the earliest event, and its `GuardEvent`.
+
+    Without an event up to the window's end they are 0 and NOTHING; an offset NaN is a failed
+    search. Safe times, guard signals and forced parts in ``workspace`` are updated.
 
     The absorber whose next event may be the earliest is treated first: its safe time is computed
     again, then it is searched, over a share of the window that doubles until its event is found
@@ -220,7 +226,7 @@ def find_earliest_event(scene, window, s, counters, workspace):
 
 @jit
 def observe_set_segment(scene, window, s, offset, workspace, observers):
-    """Pass a segment of ``offset`` (s) in the set at place s to the observers."""
+    """Pass a segment of length ``offset`` (s) in the set at position s to the observers."""
     n = workspace.contact_states.shape[0]
     sets = scene.sets
     tau = workspace.contact_states[0].tau
@@ -260,7 +266,7 @@ def observe_set_segment(scene, window, s, offset, workspace, observers):
 
 @jit
 def observe_friction(scene, window, s, a, offset, workspace, energy):
-    """Add the friction loss of absorber a, which is apart, over ``offset`` (s) to the energies."""
+    """Add the friction loss of the free absorber a over the next ``offset`` (s) to ``energy``."""
     limit = scene.absorbers.limit[a]
     if limit == 0.0:
         return
@@ -283,7 +289,10 @@ def observe_friction(scene, window, s, a, offset, workspace, energy):
 
 @jit
 def advance_time(scene, window, s, offset, workspace, observers):
-    """Advance beam and absorbers by ``offset`` (s) in the set at place s, without an event."""
+    """Advance beam and absorbers by ``offset`` (s) in the set at position s, without an event.
+
+    The segment is passed to the observers; contact states and free amplitudes are updated.
+    """
     sets = scene.sets
     tau = workspace.contact_states[0].tau
     observe_set_segment(scene, window, s, offset, workspace, observers)
@@ -307,9 +316,10 @@ def advance_time(scene, window, s, offset, workspace, observers):
 
 @jit
 def enter_set_window(scene, window, started, workspace, state, events):
-    """Begin a window.
+    """Begin a window: subtract the forced response, or choose the first set of a run.
 
-    The forced response is subtracted from the amplitudes, or the first set of a run is chosen.
+    ``started`` False: the run begins with ``state``. Else ``state`` is not used, and the amplitudes
+    are the sum of free and forced part before, and the free part after the call.
     """
     for a in range(workspace.contact_states.shape[0]):
         workspace.contact_states[a].tau = -window.half
@@ -332,7 +342,7 @@ def enter_set_window(scene, window, started, workspace, state, events):
 
 @jit
 def leave_set_window(scene, window, tau, workspace):
-    """End a window, or a run, at ``tau`` (s).
+    """End a window, or a run, at ``tau`` (s from the window's centre).
 
     The forced response is added to the amplitudes, and the motion due to the base to the free
     absorbers.
@@ -355,7 +365,10 @@ def add_base_motion_to_free(sets, window, s, sign, workspace):
 
 @jit
 def advance_to_set_event(scene, window, state, workspace, observers):
-    """Advance to the next event of any absorber, or to the window's end, and apply the event."""
+    """Advance to the next event of any absorber, or to the window's end, and apply the event.
+
+    The motion is in ``workspace``; ``state`` (2 N_m + 2 n,) is scratch.
+    """
     contact_states = workspace.contact_states
     for b in range(contact_states.shape[0]):
         free = contact_states[b].force / scene.absorbers.mass[b]
@@ -383,9 +396,10 @@ def advance_to_set_event(scene, window, state, workspace, observers):
 
 @jit
 def integrate_several_section(scene, schedule, k, started, workspace, state, observers):
-    """Integrate section ``k`` of the schedule and return a status code.
+    """Integrate section ``k`` of the schedule and return a status code, DONE or an error.
 
-    ``started`` False: the first section of a run, which begins with ``state``.
+    ``started`` False: the first section of a run, which begins with ``state``. Else ``state`` is
+    scratch: the motion stays in ``workspace`` from section to section.
     """
     contact_states = workspace.contact_states
     count = count_windows(schedule, k)
@@ -420,7 +434,8 @@ def integrate_several_section(scene, schedule, k, started, workspace, state, obs
 def several_lane(scene, plan, state, observers):
     """Integrate one run of a `Several` scene of n absorbers and return a status code.
 
-    ``state`` (2 N_m + 2 n,) is the initial state and becomes the final one.
+    ``plan``: the `Schedule`, which is not written. ``state`` (2 N_m + 2 n,) is the initial state
+    and becomes the final one.
     """
     schedule = copy_schedule(plan)
     sets = scene.sets

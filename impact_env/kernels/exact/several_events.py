@@ -4,17 +4,17 @@ The module also contains the change from one set of joined absorbers to another 
 
 - An impact changes all relative velocities at once, by the beam's mobility between the places. A
   finite friction force cannot hold against it, so a stuck absorber slides on with the velocity that
-  it was given. One that a wall holds leaves it, or hits it at once and bounces. Only where all that
-  would stay below the rounding of the position does it stay joined: else two absorbers at rest on
-  walls would release each other for ever. Then the impulse is still computed by the law without
-  joints, and the joint takes out the velocity that it gives, as coming to rest again would: bounces
-  continue to decay.
+  the impulse gives it. An absorber that is held at a wall leaves the wall, or hits it at once and
+  bounces. A joined absorber stays joined only if this motion would stay below the rounding of the
+  position: otherwise two absorbers at rest on walls would release each other for ever. The impulse
+  is then still computed by the law without joints, and the joint takes out the velocity that the
+  impulse gives, so that bounces continue to decay.
 - Where a force jumps (a reversal, an impact with friction, a new joint), all absorbers without
   relative velocity are resolved together (joint_forces.py), and so are those that come to rest, or
   leave their joint, at the same time. Impacts at the same time are taken one after the other.
   Impacts at two places at once have no unique outcome in rigid-body mechanics: this is a choice. It
-  does not matter where the places have no mobility in common, as the masses of a chain with all its
-  modes.
+  does not matter where an impulse at one place does not move the other, as with the masses of a
+  chain with all its modes.
 """
 
 from __future__ import annotations
@@ -81,7 +81,10 @@ BEFORE_FIRST_SET = -1  # before a run's first regime
 
 @jit_view
 def view_contact_law(scene, s, a, restitution):
-    """Return the contact law of absorber a in set s."""
+    """Return the contact law of absorber a in the set at position s, without gravity.
+
+    ``restitution``: its coefficient of restitution, which may differ from that of the walls.
+    """
     absorbers = scene.absorbers
     walls = Walls(absorbers.gap[a], restitution, absorbers.yield_velocity[a])
     return ContactLaw(
@@ -97,7 +100,11 @@ def view_contact_law(scene, s, a, restitution):
 
 @jit
 def write_set_state(sets, window, s, workspace, state):
-    """Write the state at the current time."""
+    """Write the ``state`` (2 N_m + 2 n,) at the current time in the set at position s.
+
+    ``workspace.buffers.rows`` is scratch; q and v of joined absorbers are written to their contact
+    states.
+    """
     w = workspace.buffers.rows[0]
     copy_amplitudes(workspace.buffers.z, w)
     add_forced(
@@ -120,7 +127,8 @@ def write_set_state(sets, window, s, workspace, state):
 def write_state_from(sets, s, w, workspace, state):
     """Write the state from the amplitudes ``w`` of set s and the absorbers' motion.
 
-    ``w`` contains the free and the forced part and is changed.
+    ``w`` (2, J) contains the free and the forced part; the static part is added to it. q and v of
+    joined absorbers are written to their contact states.
     """
     add_weighted(workspace.place_rows[s], REST, 1.0, w)
     compute_state(sets.out[s], w, state)
@@ -138,7 +146,9 @@ def write_state_from(sets, s, w, workspace, state):
 
 @jit
 def change_set(scene, window, before, state, workspace):
-    """Continue in the set of absorbers that are joined now, from the state in set ``before``.
+    """Continue in the set of absorbers that are joined now, from ``state`` in set ``before``.
+
+    ``before``: position of the set that is left, BEFORE_FIRST_SET at the start of a run.
 
     Going through the state leaves the rounding of two maps. In the same set only the constant
     forces change. In another set the relative motion of the absorbers is kept: otherwise bounces
@@ -169,9 +179,9 @@ def change_set(scene, window, before, state, workspace):
 
 @jit
 def compute_relative_motion(scene, window, s, a, workspace):
-    """Return the relative motion of the sliding absorber a in set s.
+    """Return relative displacement (m) and velocity (m/s) of the free absorber a in set s.
 
-    It is the relative displacement and velocity (absorber minus beam).
+    They are absorber minus beam. The absorber's guard signal is filled.
     """
     sets = scene.sets
     contact_state = workspace.contact_states[a]
@@ -193,7 +203,7 @@ def compute_relative_motion(scene, window, s, a, workspace):
 def compute_relative_rate_scale(sets, s, a, workspace):
     """Return the sum of the sizes of the terms of the relative velocity of absorber a in set s.
 
-    `compute_relative_motion` has written its signal.
+    `compute_relative_motion` must have filled its signal.
     """
     u = workspace.signals.u[a]
     scale = abs(workspace.contact_states[a].v) + workspace.forced_sets.bound[s, a, 1]
@@ -204,7 +214,10 @@ def compute_relative_rate_scale(sets, s, a, workspace):
 
 @jit
 def save_relative_motion(scene, window, s, workspace):
-    """Save the relative motion of the absorbers that slide from now on, before set s is left."""
+    """Save the relative motion of the absorbers that are free from now on, before set s is left.
+
+    It goes to ``workspace.motion``. An absorber that slides no faster than rounding is set at rest.
+    """
     sets = scene.sets
     for a in range(workspace.contact_states.shape[0]):
         contact_state = workspace.contact_states[a]
@@ -226,7 +239,10 @@ def save_relative_motion(scene, window, s, workspace):
 
 @jit
 def restore_relative_motion(scene, window, s, workspace):
-    """Restore the relative motion that was lost to rounding on the way through the state."""
+    """Correct q and v of the free absorbers in set s to the saved relative motion.
+
+    It was changed by rounding on the way through the state.
+    """
     for a in range(workspace.contact_states.shape[0]):
         contact_state = workspace.contact_states[a]
         motion = workspace.motion[a]
@@ -240,7 +256,7 @@ def restore_relative_motion(scene, window, s, workspace):
 def resolve_resting_absorbers(scene, window, s, state, workspace, events):
     """Decide for all absorbers without relative velocity whether they stick or slip.
 
-    The motion continues in the resulting set.
+    The motion continues in the resulting set. ``state`` is overwritten by that at the current time.
     """
     absorbers = scene.absorbers
     sets = scene.sets
@@ -273,7 +289,7 @@ def resolve_resting_absorbers(scene, window, s, state, workspace, events):
 
 @jit
 def find_passed_bound(scene, window, s, b, workspace):
-    """Return the guard that the joint force of a joined absorber b leaves now.
+    """Return the guard (HIT_LOW, HIT_HIGH) that the joint force of a joined absorber b leaves now.
 
     The joint force is at this guard up to rounding and moves beyond it. If it is at no guard, the
     result is NOTHING.
@@ -305,8 +321,8 @@ def find_passed_bound(scene, window, s, b, workspace):
 def release_from_set(scene, window, s, a, event, state, workspace, events):
     """Release absorber a from set s, because its joint force has left its bounds.
 
-    All others whose joint force leaves its bounds at this time are released as well. No force
-    jumps.
+    ``event``: HIT_LOW or HIT_HIGH. All others whose joint force leaves its bounds at this time are
+    released as well. No force jumps. ``state`` is overwritten by that at the event.
     """
     sets = scene.sets
     contact_states = workspace.contact_states
@@ -332,9 +348,9 @@ def release_from_set(scene, window, s, a, event, state, workspace, events):
 
 @jit
 def stop_simultaneous_reversals(scene, window, s, a, workspace, events):
-    """Set at rest the other absorbers whose relative velocity is zero at the same time.
+    """Set at rest the other absorbers whose relative velocity is zero up to rounding now.
 
-    It is zero up to rounding. This occurs in motions that many absorbers share.
+    This occurs in motions that many absorbers share. Their reversals are appended to ``events``.
     """
     contact_states = workspace.contact_states
     for b in range(contact_states.shape[0]):
@@ -356,7 +372,10 @@ def stop_simultaneous_reversals(scene, window, s, a, workspace, events):
 
 @jit
 def handle_reversal(scene, window, s, a, event, state, workspace, events):
-    """Handle zero relative velocity of absorber a: it sticks, or slips the other way."""
+    """Handle the REVERSAL of absorber a in set s: it sticks, or slips the other way.
+
+    The motion in ``workspace`` continues in the resulting set; ``state`` is scratch.
+    """
     contact_states = workspace.contact_states
     sets = scene.sets
     limit = scene.absorbers.limit[a]
@@ -389,8 +408,8 @@ def handle_reversal(scene, window, s, a, event, state, workspace, events):
 def is_held(scene, window, s, b, kick, state, workspace):
     """Return whether absorber b stays joined after an impulse gives it the velocity ``kick`` (m/s).
 
-    It does where its way to rest, kick^2/(2 a), is below the rounding of the position. The
-    deceleration a follows from the distance of the joint force from its bounds.
+    It does if the distance that it needs to come to rest, kick^2/(2 a), is below the rounding of
+    the position. The deceleration a follows from the distance of the joint force from its bounds.
     """
     z = workspace.buffers.z
     u = workspace.buffers.u
@@ -417,7 +436,8 @@ def is_held(scene, window, s, b, kick, state, workspace):
 def release_by_impact(scene, window, s, a, event, state, workspace, events):
     """Release the joined absorbers that an impact of absorber a separates from the beam.
 
-    Returns True if there are any.
+    Returns True if there are any; the motion then continues in the new set. ``state`` is
+    overwritten by that at the impact.
     """
     contact_states = workspace.contact_states
     sets = scene.sets
@@ -503,7 +523,7 @@ def handle_impact(scene, window, s, a, event, state, workspace, observers):
     """Handle the impact of absorber a in set s.
 
     This comprises the impact law, the release of joined absorbers, and the slip directions of the
-    others.
+    others. The motion in ``workspace`` continues in the resulting set; ``state`` is scratch.
     """
     contact_states = workspace.contact_states
     sets = scene.sets
@@ -534,9 +554,10 @@ def handle_impact(scene, window, s, a, event, state, workspace, observers):
 
 @jit
 def init_joined_set(scene, window, state, workspace, events):
-    """Choose the first set.
+    """Choose the first set of a run, which begins with ``state``.
 
-    Absorbers without relative velocity are joined if friction or a wall can hold them.
+    Absorbers without relative velocity are joined if friction or a wall can hold them. Contact
+    states and amplitudes in ``workspace`` are written.
     """
     contact_states = workspace.contact_states
     absorbers = scene.absorbers

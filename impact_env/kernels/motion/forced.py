@@ -35,12 +35,13 @@ SCAN_TERMS = 7  # coefficients of a polynomial that the event search sums in a b
 # of |i Omega - s| times half the window, below which a polynomial is solved from its lowest
 # coefficient upwards
 NEAR_RESONANCE = 0.05
-DERIVATIVES = 6  # of the guard signal, itself included, that have bounds
-SCANNED = 3  # of these, what the event search scans
+DERIVATIVES = 6  # bounds: of the guard signal and of its first five derivatives
+SCANNED = 3  # the guard signal and its first two derivatives, which the event search scans
 SIGNALS = (2, TERMS, 2, 4)  # shape of Forced.signals
-BOUND_REACH = 1.25  # of half a window: up to there bounds hold
-# numbers of the signals in Forced.signals: the guard signal and its derivatives, the tip
-# displacement, that of a free absorber under a base that moves; those of the scan are together
+BOUND_REACH = 1.25  # times half a window: distance from the centre up to which bounds hold
+# numbers of the signals in Forced.signals: the guard signal and its derivatives, of which the scan
+# reads 0 to 2 as one vector, the tip displacement, and as number 7 the displacement that a moving
+# base gives a free absorber
 GUARD_SIGNALS = (0, 1, 2, 4, 5, 6)
 TIP_SIGNAL = 3
 THIRD, FOURTH, FIFTH = GUARD_SIGNALS[3:]
@@ -57,10 +58,10 @@ class UnitResponses(NamedTuple):
     signals: NDArray[np.float64]  # (n, 2, TERMS, 2, 4) as `Forced.signals`
     bound: NDArray[np.float64]  # (n, DERIVATIVES + SCANNED) as `Forced.bound`
     coefficients: NDArray[np.float64]  # (n,) of the load in a window
-    half: NDArray[np.float64]  # (1,) longest half window that the bounds hold for (s)
-    # (n + 1, 2, J) amplitudes after a step: factor of those before it, and for each unit load
+    half: NDArray[np.float64]  # (1,) longest half window of the bounds (s); 0: not solved yet
+    # (n + 1, 2, J) map over a step: [0] factor of the amplitudes, [1 + n] addition by unit load n
     step_map: NDArray[np.float64]
-    step_length: NDArray[np.float64]  # (1,) of the step map (s)
+    step_length: NDArray[np.float64]  # (1,) of the step map (s); 0: not computed yet
 
 
 class Forced(NamedTuple):
@@ -71,14 +72,14 @@ class Forced(NamedTuple):
     """
 
     polynomials: NDArray[np.float64]  # (4, TERMS, J) A and B, real and imaginary in turn
-    # (2, TERMS, 2, 4) of guard signal, derivatives and tip displacement
+    # (2, TERMS, 2, 4) of guard signal, derivatives, tip displacement and base motion
     signals: NDArray[np.float64]
-    # (DERIVATIVES + SCANNED,) the largest size, up to BOUND_REACH half windows from the centre, of
-    # the guard signal's derivatives, and of what SCAN_TERMS coefficients leave out of the first
-    # ones
+    # (DERIVATIVES + SCANNED,) bounds up to BOUND_REACH half windows from the centre: of the guard
+    # signal and its first five derivatives, then, of the SCANNED ones among them, of the terms
+    # beyond SCAN_TERMS
     bound: NDArray[np.float64]
     # (L, 2, POINTS) exp(i Omega k h_L), k = 1 ... POINTS, for the levels of `ModalSystem`; a level
-    # that is not known yet begins with NaN
+    # that is not computed yet begins with NaN
     carrier: NDArray[np.float64]
     # (2, TERMS) Taylor coefficients in tau of half the complex force without its carrier
     terms: NDArray[np.float64]
@@ -111,7 +112,7 @@ def _write_back_substitution(
 ) -> None:
     """Write the code of `back_substitute`, from the highest coefficient down.
 
-    ``driven``: for each load its row of responses and its terms.
+    ``driven``: for each load a pair of its row of unit responses and its terms (2, TERMS).
     """
     turn = omega * sign
     plane = size * TERMS
@@ -148,8 +149,8 @@ def back_substitute(
 ):
     """Solve P' + (i sign Omega - s) P = drive * terms for each modal amplitude's polynomial P.
 
-    P is written to out[at], out[at + 1]. ``terms`` (2, TERMS); ``sign`` -1 takes the conjugate
-    terms.
+    The real part of P is written to out[at], the imaginary part to out[at + 1], each (TERMS, J).
+    ``terms`` (2, TERMS): of the force; ``sign`` 1 gives A, -1 with the conjugate terms B.
     """
     _write_back_substitution(code, rows, size, omega, sign, ((DRIVE, terms),), at, out)
 
@@ -160,7 +161,8 @@ def back_substitute_both(
 ):
     """Solve as `back_substitute` does for a force and a base that moves.
 
-    ``terms`` are those of the force, ``base`` those of the base, which has its own response.
+    ``terms`` (2, TERMS) are those of the force, ``base`` (2, TERMS) those of the base, whose unit
+    response is in row BASE.
     """
     _write_back_substitution(code, rows, size, omega, sign, ((DRIVE, terms), (BASE, base)), at, out)
 
@@ -217,9 +219,10 @@ def back_substitute_all(
 
 @vector_code()
 def combine_signal(code: Code, rows, row: Index, size: Index, system, signals, at: Index):
-    """Write the coefficients of a signal to signals[at].
+    """Write the coefficients of a signal to number ``at`` of ``signals``.
 
-    They are the sum of w A + conj(w B) with the weights w in ``row``.
+    They are the sum of w A + conj(w B) with the complex weights w in ``row`` and the next row.
+    ``system`` (4, TERMS, J): the polynomials A and B (`Forced.polynomials`).
     """
     plane = size * TERMS
     sums = [(code.sum(), code.sum()) for _ in range(TERMS)]
@@ -240,7 +243,10 @@ def combine_signal(code: Code, rows, row: Index, size: Index, system, signals, a
 
 @vector_code()
 def add_polynomials(code: Code, system, size: Index, tau: Number, c: Number, s: Number, z):
-    """Add (c + i s) A(tau) + (c - i s) B(tau) to z."""
+    """Add (c + i s) A(tau) + (c - i s) B(tau) to z (2, J) in place.
+
+    ``system`` (4, TERMS, J): the polynomials A and B (`Forced.polynomials`).
+    """
     plane = size * TERMS
     for j in code.vectors(size):
         x, cos, sin = (code.spread(number) for number in (tau, c, s))
@@ -260,7 +266,7 @@ def add_polynomials(code: Code, system, size: Index, tau: Number, c: Number, s: 
 
 @vector_code(NUMBER)
 def evaluate_polynomial(code: Code, signals, m: Index, tau: Number, c: Number, s: Number):
-    """Return Re((c + i s) polynomial(tau)) of signal ``m``."""
+    """Return Re((c + i s) p(tau)) with the polynomial p of signal ``m``."""
     parts = []
     for part in (0, 1):
         total = code.number(signals, coefficient_index(m, TERMS - 1, part))
@@ -272,7 +278,7 @@ def evaluate_polynomial(code: Code, signals, m: Index, tau: Number, c: Number, s
 
 @vector_code(NUMBER, 3)
 def evaluate_first_signals(code: Code, signals, tau: Number, c: Number, s: Number):
-    """Return Re((c + i s) polynomial(tau)) of the signals 0, 1 and 2."""
+    """Return Re((c + i s) p(tau)) with the polynomials p of the signals 0, 1 and 2."""
     tau = code.spread(tau)
     totals = []
     for part in (0, 1):
@@ -286,7 +292,7 @@ def evaluate_first_signals(code: Code, signals, tau: Number, c: Number, s: Numbe
 
 @vector_code()
 def sum_state(code: Code, out, count: Index, size: Index, z, state):
-    """Write state = Re(out z), ``count`` numbers."""
+    """Write state (count,) = Re(out z), with the map ``out`` (2, count, J) and z (2, J)."""
     plane = count * size
     for i in code.loop(count):
         total = code.sum()
@@ -299,7 +305,7 @@ def sum_state(code: Code, out, count: Index, size: Index, z, state):
 
 @vector_code()
 def sum_amplitudes_of_state(code: Code, into, count: Index, size: Index, state, z):
-    """Write z = into^T state, from ``count`` numbers."""
+    """Write z (2, J) = into^T state, with the map ``into`` (2, count, J) and state (count,)."""
     plane = count * size
     for j in code.vectors(size):
         real, imag = (code.sum(code.lanes) for _ in range(2))
@@ -315,7 +321,8 @@ def sum_amplitudes_of_state(code: Code, into, count: Index, size: Index, state, 
 def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
     """Return (x_r, x_i) plus the drive of amplitude ``j`` by the bases' accelerations, term ``n``.
 
-    The response to a unit acceleration of the first base is in ``row``, those of others follow.
+    The response to a unit acceleration of the first base is in ``row`` and the next row; those to
+    further bases follow. ``sign`` -1 takes the conjugate terms.
     """
     if not base.moves:
         return x_r, x_i
@@ -364,7 +371,7 @@ def new_forced(system, load):
 
 @jit
 def compute_force_terms(window, terms):
-    """Write the Taylor terms of the force (`Forced.terms`).
+    """Write the Taylor terms of the force in a window to ``terms`` (`Forced.terms`).
 
     The terms of a chirp have even powers only.
     """
@@ -388,7 +395,8 @@ def compute_force_terms(window, terms):
 def forward_substitute(rows, j, window, sign, terms, at, out):
     """Solve the equation of `back_substitute` for one modal amplitude near resonance.
 
-    Back-substitution would divide by almost zero.
+    Arguments as there, and ``j``: number of the amplitude. Back-substitution would divide by almost
+    zero.
     """
     load = window.load
     l_r = -rows[S, j]
@@ -410,7 +418,7 @@ def forward_substitute(rows, j, window, sign, terms, at, out):
 
 @jit_separate
 def _differentiate_signal(omega, signals, start, at):
-    """Write the derivative p' + i omega p of signal ``start`` to signal ``at``."""
+    """Write the derivative p' + i omega p of signal number ``start`` to signal number ``at``."""
     for n in range(TERMS):
         d_r = -omega * signals[start // 4, n, 1, start % 4]
         d_i = omega * signals[start // 4, n, 0, start % 4]
@@ -444,7 +452,7 @@ def _fill_bounds(signals, reach, bound):
 
 @jit
 def fill_carrier(steps, omega, level, carrier):
-    """Fill `Forced.carrier` of one level, unless it is known: a search needs few of them."""
+    """Fill `Forced.carrier` of one level if it is not computed yet: a search needs few levels."""
     if not np.isnan(carrier[level, 0, 0]):
         return
     c, s = cos_sin(omega * steps[level, 0])
@@ -458,7 +466,9 @@ def fill_carrier(steps, omega, level, carrier):
 
 @jit_separate
 def _solve_polynomials(rows, window, sign, terms, at, out):
-    """Solve for the polynomials A (``sign`` 1) or B (-1) of all modal amplitudes.
+    """Write the polynomials A (``sign`` 1) or B (-1) of all modal amplitudes to ``out``.
+
+    ``at``: 0 for A, 2 for B, as in `Forced.polynomials`.
 
     Back-substitution divides by the difference between modal amplitude and carrier. Amplitudes near
     resonance are solved again by forward substitution.
@@ -485,9 +495,9 @@ def _solve_polynomials(rows, window, sign, terms, at, out):
 
 @jit_separate
 def solve_response(system, window, forced):
-    """Fill the forced part of the modal amplitudes and of the tip for a window.
+    """Fill ``forced`` for a window: terms, polynomials of the amplitudes, and the tip signal.
 
-    A regime without guards needs no other signal.
+    A regime without guards needs nothing else.
     """
     compute_force_terms(window, forced.terms)
     _solve_polynomials(system.rows, window, 1.0, forced.terms, 0, forced.polynomials)
@@ -497,11 +507,11 @@ def solve_response(system, window, forced):
 
 @jit
 def solve_forced(system, window, absorber_mass, forced):
-    """Fill a regime's forced part for a window.
+    """Fill ``forced``, a regime's forced response in a window, with the guard signal.
 
     ``absorber_mass`` None: the guard signal is a displacement with the weights in row GUARD. A
-    number (kg): it is the joint force, this mass times the tip acceleration, whose direct share of
-    the force only the displacement's derivatives contain.
+    number (kg): it is the joint force (N), this mass times the tip acceleration, whose direct share
+    of the force only the displacement's derivatives contain.
     """
     solve_response(system, window, forced)
     solve_guard(system, window, absorber_mass, forced)
@@ -509,7 +519,7 @@ def solve_forced(system, window, absorber_mass, forced):
 
 @jit_separate
 def solve_tip_signal(system, forced):
-    """Fill the signal of the displacement with the weights in row TIP."""
+    """Fill the signal TIP_SIGNAL, the displacement with the weights in row TIP (m)."""
     combine_signal(
         system.rows, TIP, system.rows.shape[1], forced.polynomials, forced.signals, TIP_SIGNAL
     )
@@ -517,10 +527,11 @@ def solve_tip_signal(system, forced):
 
 @jit_separate
 def integrate_base(window, forced):
-    """Fill the signal of the displacement Y that a moving base gives a free absorber.
+    """Fill signal 7, the displacement Y (m) that moving bases give a free absorber.
 
-    Y'' = -r a_b is integrated twice by P' + i Omega P = F, the equation of `back_substitute` with s
-    = 0: where Omega is small the polynomial is built upwards. `compute_base_motion` uses this
+    Y'' = -r a_b, with the acceleration a_b of a base and r its ``at_absorber``, is integrated twice
+    by P' + i Omega P = F, the equation of `back_substitute` with s = 0. Where Omega is small the
+    polynomial is solved from its lowest coefficient upwards. `compute_base_motion` uses this
     signal.
     """
     load = window.load
@@ -564,7 +575,8 @@ def integrate_base(window, forced):
 def compute_base_motion(load, signals, omega, tau):
     """Return displacement (m) and velocity (m/s) that a moving base gives a free absorber.
 
-    Both are 0 if the base is at rest.
+    ``signals``: `Forced.signals`; ``tau``: time from the window's centre (s). Both are 0 if the
+    base is at rest.
     """
     if load is None:
         return 0.0, 0.0
@@ -588,7 +600,7 @@ def compute_base_motion(load, signals, omega, tau):
 
 @jit
 def _add_base_inertia(base, mass, signals):
-    """Add m_a a_base, the inertia of the absorber under bases that move, to the joint force."""
+    """Add m_a a_base, the absorber's inertia under moving bases, to signal 0, the joint force."""
     if base.moves:
         for c in range(base.terms.shape[0]):
             for n in range(TERMS):
@@ -599,9 +611,9 @@ def _add_base_inertia(base, mass, signals):
 
 @jit_separate
 def solve_guard(system, window, absorber_mass, forced):
-    """Fill the guard signal, its derivatives and bounds, from the known forced response.
+    """Fill the guard signal, its derivatives and bounds, after `solve_response`.
 
-    ``absorber_mass`` as in `solve_forced`.
+    ``absorber_mass`` as in `solve_forced`. The carriers of the levels are marked as not computed.
     """
     signals = forced.signals
     load = window.load
@@ -634,9 +646,9 @@ def solve_guard(system, window, absorber_mass, forced):
 
 @jit_inline
 def evaluate_signal(signals, m, omega, tau):
-    """Return signal m at an offset from the window's centre.
+    """Return signal number m at the time ``tau`` (s) from the window's centre.
 
-    It is Re(polynomial(tau) exp(i omega tau)).
+    It is Re(p(tau) exp(i omega tau)) with the polynomial p of the signal.
     """
     c, s = cos_sin(omega * tau)
     return evaluate_polynomial(signals, m, tau, c, s)
@@ -644,6 +656,10 @@ def evaluate_signal(signals, m, omega, tau):
 
 @jit_separate
 def add_forced(polynomials, omega, tau, factor, z):
-    """Add the forced part, factor * (A exp(i omega tau) + B exp(-i omega tau)), to z (2, J)."""
+    """Add factor * (A exp(i omega tau) + B exp(-i omega tau)), the forced part, to z in place.
+
+    z (2, J) are modal amplitudes at the time ``tau`` (s) from the window's centre; a factor of -1
+    leaves their free part.
+    """
     c, s = cos_sin(omega * tau)
     add_polynomials(polynomials, z.shape[1], tau, c * factor, s * factor, z)

@@ -29,18 +29,19 @@ from impact_env.kernels.motion.modal_system import cos_sin
 TERMS = 9  # coefficients of the forced part's polynomials (forced.py)
 
 Array = NDArray[np.float64]
-CHIRP_REMAINDER = 1e-17
+CHIRP_REMAINDER = 1e-17  # of the force: Taylor remainder of its chirp at a window's end
 # rad that a frequency turns against the carrier from a window's centre to its end: to the ninth
 # power, over 9!, it is 5e-18
 MOST_BEAT_PHASE = 0.049
-BEAT_CURVATURE_PHASE = 1e-4  # rad that a frequency's own change may add to that
+BEAT_CURVATURE_PHASE = 1e-4  # rad that the rate of a frequency may add to that angle
 # rad that the force turns from a window's centre to its end: rounding of time gives an error of
 # this times 1e-16 in the forced part
 MOST_PHASE = 300.0
-EQUAL_LENGTH_TOL = 1e-4  # of the length of a section: two that differ by less are equally long
-EQUAL_FREQUENCY_TOL = 1e-12  # of the highest frequency: closer ones need no common carrier
-# numbers of a piece: when it begins (s), frequency (rad/s), its rate (rad/s^2), phase (rad), real
-# and imaginary parts of c0, c1, c2
+EQUAL_LENGTH_TOL = 1e-4  # of the length of a section: sections closer than this are equally long
+EQUAL_FREQUENCY_TOL = 1e-12  # of the highest frequency: closer frequencies count as one
+# columns of `LoadPieces.pieces`: time at which a piece begins (s), its frequency there (rad/s), the
+# rate of the frequency (rad/s^2), the phase (rad), and from POLYNOMIAL on real and imaginary part
+# of c0, of c1 and of c2 (N or m/s^2, and per s and s^2)
 BEGINS = 0
 OMEGA = 1
 ALPHA = 2
@@ -50,14 +51,15 @@ NUMBERS = 10
 
 
 class BaseParticipation(NamedTuple):
-    """Response of a scene to unit accelerations of C bases.
+    """Participation of modes and of n absorbers in the accelerations of C bases.
 
-    The first base is that of the scene. A force (N) at a further place with the mode shape p is the
-    acceleration of a base with the participation -p that carries no absorber. ``participation``
-    Gamma (C, N_m) in sqrt(kg); ``at_absorber`` (C,): displacement of the absorbers' places for a
-    unit rigid motion, 0 of a force; ``carried`` (C, n): each absorber's mass times ``at_absorber``
-    (kg), 0 without an absorber; ``moves``: whether any base moves, a value at run time, so that one
-    kernel serves bases that move and that rest.
+    The first base is that of the scene. A force (N) at a further point of the structure with the
+    mode shape p counts as one more base, with the participation -p and without absorbers.
+
+    ``participation`` Gamma (C, N_m) in sqrt(kg); ``at_absorber`` (C,): displacement at the
+    absorbers for a unit rigid motion of the base, 0 for a force; ``carried`` (C, n): each
+    absorber's mass times ``at_absorber`` (kg), 0 without an absorber; ``moves``: whether any base
+    moves, tested at run time, so that one kernel serves moving bases and bases at rest.
     """
 
     participation: Array
@@ -67,14 +69,15 @@ class BaseParticipation(NamedTuple):
 
 
 class LoadPieces(NamedTuple):
-    """Loads that act together in a run, each a source.
+    """Loads that act together in a run; each load is a source.
 
     They are never written to, so that runs in several threads may share them.
 
-    ``pieces`` (P, NUMBERS): numbers BEGINS to POLYNOMIAL of each piece. ``which`` (K - 1, sources):
-    the piece of each source in each section. ``channel`` (sources,): 0 of a force (N) on the
-    structure, c of the acceleration (m/s^2) of base c - 1, or of the force (N) in its place.
-    Without sources a stepping method is under the chirp of one force.
+    ``pieces`` (P, NUMBERS): pieces in rows, with columns BEGINS to POLYNOMIAL + 5. ``which``
+    (K - 1, sources): row of ``pieces`` for each source in each section between K breakpoints.
+    ``channel`` (sources,): 0 for a force (N) on the structure, c > 0 for the acceleration (m/s^2)
+    of the base with the index c - 1, or for the force (N) that this base stands for. ``base``: the
+    bases. Without sources the stepping methods apply the chirp of one force.
     """
 
     pieces: Array
@@ -86,8 +89,8 @@ class LoadPieces(NamedTuple):
 class MovingBase(NamedTuple):
     """C bases with their `BaseParticipation` and scratch memory.
 
-    ``terms`` (C, 2, TERMS): of their accelerations in the current window, as `LoadWorkspace.terms`;
-    ``accelerations`` (C,): at one time (m/s^2).
+    ``terms`` (C, 2, TERMS): Taylor coefficients of their accelerations in the current window, as
+    `LoadWorkspace.terms`; ``accelerations`` (C,): scratch, accelerations at one time (m/s^2).
     """
 
     terms: Array
@@ -101,9 +104,10 @@ class MovingBase(NamedTuple):
 class LoadWorkspace(NamedTuple):
     """`LoadPieces` with the scratch memory of one run.
 
-    ``terms`` (2, TERMS): Taylor coefficients, in the time from the centre of the current window,
-    of half the complex force without its carrier. ``linear`` (1,): whether the load is linear in a
-    window as long as the one before; only the first two terms, real, are not zero then.
+    ``terms`` (2, TERMS): Taylor coefficients, real and imaginary, in the time from the centre of
+    the current window, of half the complex force without its carrier. ``linear`` (1,): whether the
+    load is a straight line in the current section and the section before was as long; only the real
+    parts of the first two terms are not zero then. `expand_load` writes both.
     """
 
     pieces: Array
@@ -117,7 +121,8 @@ class LoadWorkspace(NamedTuple):
 class ForceWindow(NamedTuple):
     """A piece of a section, with the load expanded around one frequency.
 
-    ``alpha`` and the force describe the chirp of one force; other loads are in ``load``.
+    ``alpha`` and the force describe the chirp of one force. They are 0 if there are other loads,
+    which are in ``load``.
     """
 
     centre: float  # s
@@ -126,21 +131,22 @@ class ForceWindow(NamedTuple):
     alpha: float  # rate of the frequency (rad/s^2)
     force_r: float  # force at the centre, real part (N)
     force_i: float  # imaginary part (N)
-    load: LoadWorkspace | None = None  # with the terms of other loads, None: a chirp
+    load: LoadWorkspace | None = None  # with the terms of other loads; None: the chirp of one force
 
 
 class Schedule(NamedTuple):
     """Breakpoints of the drive; a section lies between two of them.
 
-    ``load`` None: the chirp of one force. Of other loads only the times are used.
+    ``load`` None: the chirp of one force. With other loads, ``omegas``, ``phases`` and
+    ``amplitude`` are not used.
     """
 
     times: Array  # (K,) s
     omegas: Array  # (K,) circular frequencies (rad/s)
-    phases: Array  # (K,) rad
+    phases: Array  # (K,) of the force (rad)
     amplitude: float  # of the force (N)
     reach: float  # longest window (s)
-    load: LoadPieces | None  # in a lane a `LoadWorkspace`
+    load: LoadPieces | None  # in kernels a `LoadWorkspace` (`copy_schedule`)
 
 
 def _make_no_loads():
@@ -159,7 +165,7 @@ new_no_loads = jit_allocating(_make_no_loads)  # the same within a kernel
 
 @jit_allocating
 def new_load_workspace(pieces):
-    """Return loads with scratch memory of their own, None for the chirp of one force."""
+    """Return a `LoadWorkspace` for `LoadPieces`, None for None: the chirp of one force."""
     if pieces is None:
         return None
     base = pieces.base
@@ -188,7 +194,7 @@ def has_sources(load):
 
 @jit
 def _is_nonzero(piece):
-    """Return whether a piece is not zero."""
+    """Return whether any coefficient of a piece's polynomial is not zero."""
     size = 0.0
     for n in range(POLYNOMIAL, NUMBERS):
         size += abs(piece[n])
@@ -215,9 +221,10 @@ def is_linear_section(load, k):
 
 @jit
 def find_frequency_band(load, k, t):
-    """Return the lowest and highest frequency (rad/s) of section ``k``'s pieces at time ``t``.
+    """Return (low, high, rate) for the pieces of section ``k`` that are not zero.
 
-    The third result is the largest rate of these frequencies (rad/s^2).
+    These are the lowest and highest frequency (rad/s) at time ``t`` (s of the run), and the largest
+    magnitude of a frequency's rate (rad/s^2). All are 0 without such pieces.
     """
     low = np.inf
     high = 0.0
@@ -234,9 +241,9 @@ def find_frequency_band(load, k, t):
 
 @jit
 def count_load_windows(load, times, k, reach):
-    """Return the number of windows of section ``k`` between ``times``.
+    """Return the number of windows of section ``k``; ``times`` (K,) are the breakpoints (s).
 
-    Each window is at most ``reach`` (s) long.
+    Windows are equally long, and at most ``reach`` (s).
     """
     duration = times[k + 1] - times[k]
     longest = reach
@@ -261,9 +268,9 @@ def count_load_windows(load, times, k, reach):
 
 @jit
 def _expand_piece(piece, t, carrier, terms):
-    """Add half a piece's complex polynomial around time ``t`` to ``terms`` (2, TERMS).
+    """Add half of a piece, expanded around time ``t`` (s), to ``terms`` (2, TERMS) in place.
 
-    The polynomial refers to a carrier (rad/s).
+    The terms are Taylor coefficients of the complex load without its ``carrier`` (rad/s).
     """
     u = t - piece[BEGINS]
     alpha = piece[ALPHA]
@@ -302,7 +309,10 @@ def _expand_piece(piece, t, carrier, terms):
 
 @jit
 def compute_force(load, k, t):
-    """Return the force at time ``t`` of section ``k`` (N)."""
+    """Return the force on the structure (N) at time ``t`` (s of the run), in section ``k``.
+
+    It is the sum of the sources of channel 0; bases and forces at further points are left out.
+    """
     total = 0.0
     for source in range(load.which.shape[1]):
         piece = load.pieces[load.which[k, source]]
@@ -317,16 +327,17 @@ def compute_force(load, k, t):
 
 @jit
 def _add_linear_piece(piece, t, terms):
-    """Add half of a straight line, expanded around time ``t``, to the terms."""
+    """Add half of a straight line, expanded around time ``t`` (s), to ``terms`` in place."""
     terms[0, 0] += 0.5 * (piece[POLYNOMIAL] + piece[POLYNOMIAL + 2] * (t - piece[BEGINS]))
     terms[0, 1] += 0.5 * piece[POLYNOMIAL + 2]
 
 
 @jit
 def expand_load(load, times, k, t):
-    """Write the terms of section ``k`` between ``times`` around time ``t``.
+    """Expand the loads of section ``k`` around time ``t`` (s); return their carrier (rad/s).
 
-    Returns their carrier (rad/s).
+    ``times`` (K,): breakpoints (s). Written: ``terms``, ``base.terms`` and ``linear`` of ``load``,
+    a `LoadWorkspace`.
     """
     load.terms[:] = 0.0
     load.base.terms[:] = 0.0
@@ -358,7 +369,10 @@ def expand_load(load, times, k, t):
 
 @jit
 def evaluate_load(terms, omega, tau):
-    """Return the load with the Taylor terms ``terms`` at an offset (s) from the window's centre."""
+    """Return the load (N or m/s^2) at the time ``tau`` (s) from the window's centre.
+
+    ``terms`` (2, TERMS) are its Taylor coefficients, ``omega`` is their carrier (rad/s).
+    """
     c, s = cos_sin(omega * tau)
     x = 0.0
     y = 0.0
@@ -371,7 +385,7 @@ def evaluate_load(terms, omega, tau):
 
 @jit_allocating
 def copy_schedule(schedule):
-    """Return the schedule with load workspace of its own, which no other run writes."""
+    """Return the schedule with a new `LoadWorkspace`, which no other run writes."""
     return Schedule(
         schedule.times,
         schedule.omegas,
@@ -386,7 +400,7 @@ def copy_schedule(schedule):
 def count_windows(schedule, k):
     """Return the number of windows of section k of the schedule.
 
-    It is limited by the reach of the tables, by the chirp's remainder and by MOST_PHASE.
+    A window's length is limited by ``schedule.reach``, by CHIRP_REMAINDER and by MOST_PHASE.
     """
     load = schedule.load
     if load is not None:
@@ -404,9 +418,10 @@ def count_windows(schedule, k):
 
 @jit
 def expand_window(schedule, k, w, count):
-    """Return window w of ``count`` in section k.
+    """Return the `ForceWindow` of number w of the ``count`` windows of section k.
 
-    The terms of a load other than a chirp are written.
+    The terms of loads other than a chirp are written to ``schedule.load``; they hold until the next
+    window is expanded.
     """
     duration = schedule.times[k + 1] - schedule.times[k]
     load = schedule.load

@@ -6,9 +6,11 @@ relative_j F, where f is the external force and F a constant force between beam 
 parts are taken; a real eigenvalue has a modal amplitude of its own. A modal amplitude splits into
 z_j exp(s_j t), a forced part (forced.py) and a rest part -relative_j F / s_j.
 
-exp(s_j t) is a product of three table entries and a short Taylor polynomial: t = d1 h1 + d2 h2 +
-d3 h3 + rest, with h1 = reach/base, h2 = h1/base, h3 = h2/base and |s_j| h3 <= TAYLOR_REACH, so that
-the polynomial is exact to rounding. No transcendental function is called.
+exp(s_j t) is a product of three table entries and a short Taylor polynomial: t = d1 h1 + d2 h2 + d3
+h3 + rest, with the digits d1, d2, d3 from 0 to base - 1, h1 = reach/base, h2 = h1/base, h3 =
+h2/base and |s_j| h3 <= TAYLOR_REACH, so that the polynomial is exact to rounding. ``reach`` (s) is
+the longest time offset, ``base`` the number of entries of a table. No transcendental function is
+called.
 
 In: a `ModalSystem`, the tables of a regime (`regimes.py` makes them), modal amplitudes (2, J), real
 and imaginary parts, and a time offset. Out: the amplitudes after this time, or sums over them. The
@@ -29,10 +31,10 @@ from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Numbe
 # rows of `ModalSystem.rows`; a complex quantity has two, its real part and, in the next one, its
 # imaginary part
 S = 0  # eigenvalue (1/s)
-SQUARE = 2  # its square
+SQUARE = 2  # square of the eigenvalue (1/s^2)
 DRIVE = 4  # response to a unit force of the drive
 RELATIVE = 6  # response to a unit force between beam and absorber
-REST = 8  # -relative/s
+REST = 8  # rest part under a unit constant relative force, -RELATIVE/S
 GUARD = 10  # weight in the regime's guard signal
 TIP = 12  # weight in the tip displacement
 TAYLOR = 14  # s^n/n! for n = 1 ... TAYLOR_ROWS
@@ -40,30 +42,33 @@ TAYLOR_ROWS = 6
 SPEED = TAYLOR + 2 * TAYLOR_ROWS  # |s|, real as the next two
 SPEED_SQUARE = SPEED + 1
 SPEED_CUBE = SPEED + 2
-BASE = SPEED + 3  # response to a unit acceleration of the first base; two rows for each one more
-ROWS = BASE  # of a regime under a base at rest
+# response to a unit acceleration of the first base; two more rows for each further base
+BASE = SPEED + 3
+ROWS = BASE  # number of rows of a regime without moving bases
 POINTS = 8  # times in a block of the event search
 TAYLOR_TERMS = 1 + TAYLOR_ROWS  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
-TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
+# largest |s| h3; the rest of a time offset is at most h3/2
+TAYLOR_REACH = 0.04
 
 # entries of `ModalSystem.scale`
 DIGIT_BITS, FINEST_STEP, INVERSE_FINEST_STEP, LARGEST_RATE = range(4)
 
 
 class ModalSystem(NamedTuple):
-    """One regime with J modal amplitudes, sorted by |s_j| and padded with empty ones.
+    """One regime with J modal amplitudes, sorted by |s_j| and padded with zeros.
 
-    It consists of few arrays, because each costs time at every call. ``steps`` to ``errors`` serve
-    the event search (search.py), which has L levels of time steps h_L.
+    J, a multiple of four, includes the padding. There are few arrays, because each costs time at
+    every call. ``steps`` to ``errors`` serve the event search (search.py), which has L levels of
+    time steps h_L.
     """
 
-    rows: NDArray[np.float64]  # (ROWS, J); (ROWS + 2 C, J) under C bases that move: S to BASE above
-    table: NDArray[np.float64]  # (2, 3, base, J) exp(s h), real and imaginary
+    rows: NDArray[np.float64]  # (ROWS, J), or (ROWS + 2 C, J) with C moving bases: S to BASE above
+    table: NDArray[np.float64]  # (2, 3, base, J) parts of exp(s d h1), exp(s d h2), exp(s d h3)
     scale: NDArray[np.float64]  # (4,) log2 of the base, h3 (s), 1/h3, largest |s|
-    steps: NDArray[np.float64]  # (L, 2) h_L (s), and the number of modal amplitudes to sum
+    steps: NDArray[np.float64]  # (L, 2) h_L (s), and the number of amplitudes that a scan sums
     waves: NDArray[np.float64]  # (L, J, 2, POINTS) exp(k s h_L), k = 1 ... POINTS
     turns: NDArray[np.float64]  # (L, POINTS, 2, J) the same in another order
-    errors: NDArray[np.float64]  # (L, J) share of the error bound E, over an amplitude's magnitude
+    errors: NDArray[np.float64]  # (L, J) addition to the error bound E by an amplitude of 1
 
 
 MOST_QUARTER_TURNS = 2.0**62  # quarter turns that an integer holds
@@ -74,13 +79,13 @@ _HALF_PI_TAIL = 6.077100506506192e-11
 
 @vector_code(NUMBER)
 def fma(code: Code, x: Number, y: Number, z: Number):
-    """Return x y + z, rounded once."""
+    """Return x y + z of numbers, rounded once."""
     return x.fma(y, z)
 
 
 @jit_inline
 def cos_sin(x):
-    """Return (cos x, sin x) for |x| up to 1e6.
+    """Return (cos x, sin x) for x (rad) with |x| up to 1e6.
 
     Taylor polynomials on [-pi/4, pi/4] are used, with an error below 2e-16.
     """
@@ -101,8 +106,9 @@ def cos_sin(x):
 class Propagator:
     """The factor exp(s t) of each modal amplitude, as vector code.
 
-    The time offset t is given by its three ``digits`` d1, d2, d3 in ``table`` and the rest x, as
-    `split_time` returns them.
+    ``rows`` and ``table`` are those of a `ModalSystem`, flat, with ``size`` J and ``base`` as in
+    their shapes. The time offset t is given by ``digits``: (d1, d2, d3, x) with the rest x (s), as
+    `split_time` returns them. In the methods j is the number of the first amplitude of a vector.
     """
 
     def __init__(
@@ -119,20 +125,20 @@ class Propagator:
         self.x = digits[3]
 
     def row(self, row: int, j: Any) -> Number:
-        """Return a row's numbers."""
+        """Return the numbers of a row from amplitude j on."""
         return self.code.vector(self.rows, self.size * row + j)
 
     def pair(self, row: int, j: Any) -> Complex:
-        """Return the complex numbers whose parts are in a row and the one behind it."""
+        """Return complex numbers: real parts in ``row``, imaginary parts in the next row."""
         return Complex(self.row(row, j), self.row(row + 1, j))
 
     def looked_up(self, k: int, j: Any) -> Complex:
-        """Return the table's entry for digit ``k``."""
+        """Return the table's factor for the digit of number ``k``: 0, 1 or 2 for d1, d2, d3."""
         at = self.places[k] + j
         return self.code.complex(self.table, at, at + self.imaginary)
 
     def taylor(self, j: Any) -> Complex:
-        """Return exp(s x) for the rest of the offset."""
+        """Return exp(s x) for the rest x of the offset, by the Taylor polynomial."""
         x = self.code.spread(self.x)
         total = self.pair(TAYLOR + 2 * (TAYLOR_ROWS - 1), j)
         for k in range(TAYLOR_ROWS - 2, -1, -1):
@@ -149,7 +155,7 @@ class Propagator:
         )
 
     def turned(self, u: Any, j: Any) -> Complex:
-        """Return u exp(s t)."""
+        """Return u exp(s t) for amplitudes ``u`` (2, J)."""
         amplitude = self.code.complex(u, j, j + self.size)
         return (
             amplitude.times(self.looked_up(0, j))
@@ -172,14 +178,17 @@ def propagate_by_digits(
     u,
     out,
 ):
-    """Write u exp(s t) to ``out``, which may be ``u``."""
+    """Write u exp(s t) to ``out``, which may be ``u``; both (2, J).
+
+    Other arguments as in `Propagator`, with (d1, d2, d3, x) from `split_time`.
+    """
     propagator = Propagator(code, rows, table, size, base, (d1, d2, d3, x))
     for j in code.vectors(size):
         code.store_complex(propagator.turned(u, j), out, j, j + size)
 
 
 def _sum(orders: int) -> Any:
-    """Return vector code for one sum over the modal amplitudes, or for four."""
+    """Return vector code for the sum of Re(u exp(s t)); ``orders`` 4: and three derivatives."""
 
     @vector_code(NUMBER, orders)
     def sums(
@@ -221,10 +230,10 @@ sum_three_derivatives = _sum(4)
 def sum_and_bound_derivatives(
     code: Code, rows, table, size: Index, base: Index, d1: Index, d2: Index, d3: Index, x: Number, u
 ):
-    """Return the sum of Re(u exp(s t)), its first two derivatives, and three bounds.
+    """Return (y, y', y'', b2, b3, b4): the sum y of Re(u exp(s t)), two derivatives, three bounds.
 
-    The bounds, of the second to fourth derivative at all later times, are the sums of |s|^2, |s|^3
-    and |s|^4 times |u exp(s t)|.
+    The bounds hold for the second to fourth derivative at all later times. They are the sums of
+    |s|^2, |s|^3 and |s|^4 times |u exp(s t)|.
     """
     propagator = Propagator(code, rows, table, size, base, (d1, d2, d3, x))
     y0, y1, y2, b2, b3, b4 = [code.sum() for _ in range(6)]
@@ -263,7 +272,7 @@ def sum_third_to_fifth(code: Code, rows, size: Index, u):
 
 @vector_code()
 def copy_vectors(code: Code, size: Index, z, w):
-    """Write z to w as vectors.
+    """Write the amplitudes z to w, both (2, J) with J = ``size``, as vectors.
 
     If single numbers were stored, code that reads w as vectors would have to wait for them.
     """
@@ -274,7 +283,7 @@ def copy_vectors(code: Code, size: Index, z, w):
 
 @vector_code()
 def multiply_by_row(code: Code, rows, row: Index, size: Index, z, u):
-    """Write u = w z with the complex weights w in ``row`` and the row behind it."""
+    """Write u = w z with the complex weights w in ``row`` and the next row."""
     for j in code.vectors(size):
         at = size * row + j
         other = j + size
@@ -284,7 +293,7 @@ def multiply_by_row(code: Code, rows, row: Index, size: Index, z, u):
 
 @vector_code()
 def add_row(code: Code, rows, row: Index, size: Index, factor: Number, z):
-    """Add factor * w to z with the complex weights w in ``row`` and the row behind it."""
+    """Add factor * w to z in place, with the complex weights w in ``row`` and the next row."""
     for j in code.vectors(size):
         at = size * row + j
         other = j + size
@@ -302,7 +311,7 @@ def add_row(code: Code, rows, row: Index, size: Index, factor: Number, z):
 
 @vector_code(NUMBER)
 def sum_magnitudes(code: Code, size: Index, u):
-    """Return the sum of |Re u| + |Im u|."""
+    """Return the sum of |Re u| + |Im u| over ``size`` amplitudes."""
     total = code.sum()
     for j in code.vectors(size):
         amplitude = code.complex(u, j, j + size)
@@ -312,9 +321,10 @@ def sum_magnitudes(code: Code, size: Index, u):
 
 @jit_inline
 def split_time(scale, delta):
-    """Return (d1, d2, d3, rest) of a time offset within the reach of the tables.
+    """Return (d1, d2, d3, rest) of a time offset ``delta`` (s) within the reach of the tables.
 
-    The magnitude of the rest is at most h3/2, and the rest is 0 on the grid of h3.
+    ``scale`` is that of the `ModalSystem`. The digits are integers, the rest is in s. The magnitude
+    of the rest is at most h3/2, and the rest is 0 on the grid of h3.
     """
     bits = np.int64(scale[DIGIT_BITS])
     mask = (np.int64(1) << bits) - 1
@@ -328,13 +338,13 @@ def split_time(scale, delta):
 
 @jit_inline
 def propagate(rows, table, scale, delta, z):
-    """Multiply z (2, J) by exp(s delta) in place."""
+    """Multiply z (2, J) by exp(s delta) in place, ``delta`` in s."""
     propagate_to(rows, table, scale, z, delta, z)
 
 
 @jit
 def propagate_to(rows, table, scale, u, delta, out):
-    """Write u exp(s delta) to ``out``, both (2, J)."""
+    """Write u exp(s delta), ``delta`` in s, to ``out``, both (2, J); ``out`` may be ``u``."""
     d1, d2, d3, x = split_time(scale, delta)
     propagate_by_digits(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u, out)
 
@@ -354,11 +364,11 @@ def sum_amplitudes(rows, table, scale, u, delta):
 
 @jit
 def apply_weights(rows, row, z, u):
-    """Write u = w z, both (2, J), with the complex weights w in ``row`` and the one after it."""
+    """Write u = w z, both (2, J), with the complex weights w in ``row`` and the next row."""
     multiply_by_row(rows, row, rows.shape[1], z, u)
 
 
 @jit
 def add_weighted(rows, row, factor, z):
-    """Add factor * w to z (2, J), with the complex weights w in ``row`` and the one after it."""
+    """Add factor * w to z (2, J) in place; complex weights w in ``row`` and the next row."""
     add_row(rows, row, rows.shape[1], factor, z)

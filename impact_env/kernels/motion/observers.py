@@ -6,8 +6,9 @@ the run. Each is a NamedTuple of arrays and records.
 
 Every method passes the same quantities: the tip displacement at equidistant samples (level), the
 state at those samples (series), impacts and contact phases (events), and the terms of the energy
-balance (energy). What a run does not record has arrays of size 0. Only the energies are None then,
-and their branches are pruned when a kernel is compiled.
+balance (energy). In a run, lists and series that are not recorded have size 0; energies are None,
+and their branches are pruned when a kernel is compiled. Lanes under control have no lists and no
+series: None.
 """
 
 from __future__ import annotations
@@ -29,14 +30,14 @@ LEVEL_STATE = record_type(
     next=INTEGER,  # number of the next sample
     total=NUMBER,  # running sum of q^2 (m^2)
     largest=NUMBER,  # largest |q| so far (m)
-    at=INTEGER,  # its sample
+    at=INTEGER,  # number of the sample with the largest |q|
     first_sum=NUMBER,  # running sum at the first sample of the window
     last_sum=NUMBER,  # running sum at the last sample of the window
     left=NUMBER,  # |q| of the sample before the maximum (m)
     right=NUMBER,  # |q| of the sample after the maximum (m)
     previous=NUMBER,  # last |q| (m)
     due=FLAG,  # whether the next sample is the one after the maximum
-    bin=INTEGER,  # bin of the envelope
+    bin=INTEGER,  # current bin of the envelope
 )
 LEVEL_OFF = 2**62  # `CLOCK.level` of a level that is not computed
 
@@ -52,26 +53,26 @@ class EnvelopeObserver(NamedTuple):
 class LevelObserver(NamedTuple):
     """Windowed RMS around the maximum of a stream of samples (paper, Eqs. tmax and barqtip).
 
-    The memory does not grow with the run. Sample n of a run goes to place n of ``block``, modulo
-    its size, so the last ones can be read there.
+    The memory does not grow with the run. Sample n of a run is stored at position n, modulo the
+    size, of ``block``, so the latest samples can be read there.
     """
 
-    ring: NDArray[np.float64]  # (W + 1,) last running sums of q^2, W samples being half the window
+    ring: NDArray[np.float64]  # (W + 1,) last running sums of q^2; W: samples in half the window
     state: Any  # a LEVEL_STATE record
-    block: NDArray[np.float64]  # where samples are computed, of any size
-    place: NDArray[np.float64]  # (N_m,) mode shape where q is sampled; of size 0: at the absorber
+    block: NDArray[np.float64]  # latest samples q (m), of any size
+    place: NDArray[np.float64]  # (N_m,) mode shape where q is sampled; of size 0: at the tip
     envelope: EnvelopeObserver  # extremes of the same samples
 
 
-# kinds of contact phase
+# kinds of contact phase: held by friction between the walls, or at the lower or upper wall
 STUCK_INSIDE = 0
 HELD_LOWER = 1
 HELD_UPPER = 2
-# kinds of a miss of a search
+# kinds of a miss of a search: guard passed, rate of the wrong sign, joint force out of its bounds
 GUARD_PASSED = 0
 RATE_TURNED = 1
 JOINT_EXCEEDED = 2
-# status codes of all integration kernels
+# status codes of all integration kernels; each but DONE ends a run early (`count_progress`)
 DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS, TOO_MANY_EVALUATIONS, SEARCH_GAVE_UP, STOPPED = (
     range(7)
 )
@@ -83,24 +84,24 @@ REGIME_FAILED = 10  # the regime of a set of joined absorbers could not be made
 # counters of a run: what has been done, and what may be used (`count_progress`)
 COUNTS = record_type(
     impacts=INTEGER,  # impacts
-    stuck_time=NUMBER,  # time in joined phases (s)
+    stuck_time=NUMBER,  # total time in joined phases (s)
     steps=INTEGER,  # time steps, or segments between events
     evaluations=INTEGER,  # evaluations of guard signals
     events=INTEGER,  # events
     reached=NUMBER,  # time reached (s); another thread reads it while the run goes on
     stop=FLAG,  # order of another thread to end the run
     most_events=NUMBER,  # events that may be used at once
-    events_per_s=NUMBER,  # further ones for each second that has passed
+    events_per_s=NUMBER,  # further events for each second of the run's time
     most_evaluations=NUMBER,  # evaluations that may be used at once
-    evaluations_per_s=NUMBER,  # further ones for each second that has passed
+    evaluations_per_s=NUMBER,  # further evaluations for each second of the run's time
     searched=INTEGER,  # evaluations before the current segment
 )
 # clock of the samples
 CLOCK = record_type(
-    level=INTEGER,  # next sample of the level; `LEVEL_OFF`: none is wanted
+    level=INTEGER,  # next sample of the level; `LEVEL_OFF`: the level is not computed
     series=INTEGER,  # next sample of the series
     first=INTEGER,  # first sample of the series
-    interval=NUMBER,  # time between two samples (s)
+    interval=NUMBER,  # time between two samples (s); sample n is at n times this time
 )
 # an impact
 IMPACT_RECORD = record_type(
@@ -117,8 +118,9 @@ PHASE_RECORD = record_type(
     kind=INTEGER,  # STUCK_INSIDE, HELD_LOWER or HELD_UPPER
     absorber=INTEGER,  # number of the absorber
 )
+# a slip reversal: its time (s), number of the absorber
 REVERSAL_RECORD = record_type(time=NUMBER, absorber=INTEGER)
-# used places of the lists of events
+# numbers of filled records of the lists of events
 LIST_COUNTS = record_type(
     impacts=INTEGER,  # of `EventLists.impacts`
     phases=INTEGER,  # of `EventLists.phases`
@@ -132,7 +134,9 @@ TOTALS = record_type(
     impact_loss=NUMBER,  # loss by impacts
     absorber_damping=NUMBER,  # loss in the damper of a tuned absorber
 )
+# number of checked searches, number of their misses
 CHECK_COUNTS = record_type(searches=INTEGER, misses=INTEGER)
+# a miss: its time in the run (s), its kind, its size as a share as in `CheckObserver.worst`
 MISS_RECORD = record_type(time=NUMBER, kind=INTEGER, share=NUMBER)
 # an absorber's motion at the start of a segment
 ABSORBER_MOTION = record_type(
@@ -141,7 +145,7 @@ ABSORBER_MOTION = record_type(
     a=NUMBER,  # constant acceleration (m/s^2)
     base_share=NUMBER,  # share of a free absorber's motion under a moving base to add: 1 or 0
 )
-FIRST_MISSES = 16  # misses that are listed
+FIRST_MISSES = 16  # most misses that are listed
 
 
 class CheckObserver(NamedTuple):
@@ -167,10 +171,10 @@ class Counters(NamedTuple):
 
 
 class EventLists(NamedTuple):
-    """Events at the contacts. A list of size 0 is not filled.
+    """Lists of events at the contacts. A list of size 0 is not filled.
 
-    When a list is full, the function at the address ``counts.empty`` is called, which takes the
-    records out of all three lists and sets their numbers to 0.
+    When a list is full, the function at the address ``counts.empty`` is called, which copies the
+    records of all three lists and sets the numbers of filled records to 0.
     """
 
     impacts: NDArray[Any]  # (capacity,) IMPACT_RECORD records
@@ -180,12 +184,11 @@ class EventLists(NamedTuple):
 
 
 class StateSeries(NamedTuple):
-    """The states of a run, ``states`` (samples, 2 N_m + 2).
+    """The states of a run, ``states`` (samples, 2 N_m + 2); without rows: not recorded.
 
     The columns are modal displacements, absorber displacement, modal velocities and absorber
-    velocity.
-
-    Without rows: not recorded. The first row is sample ``clock.first`` of the run.
+    velocity; n absorbers have n displacements and n velocities. The first row is sample
+    ``clock.first`` of the run.
     """
 
     states: NDArray[np.float64]
@@ -207,11 +210,11 @@ class EnergyTotals(NamedTuple):
 class Observers(NamedTuple):
     """All observers of a run; ``clock`` is a CLOCK record.
 
-    What is recorded is a value: lists and series of size 0 are not filled, so that one kernel
-    serves runs with any record. Only energies, and the check of searches, have a kernel of their
-    own: ``energy`` is None, or the `EnergyTotals` that the caller reads; between the segments of an
-    exact run it is the `energies.Account` that fills them. Lanes under control have no lists
-    and no series: None.
+    Whether lists and series are recorded is decided at run time, by their size, so that one kernel
+    serves all runs. Energies, and the check of searches, need a kernel of their own: ``energy`` is
+    None, or the `EnergyTotals` that the caller reads. Within an exact run it is the
+    `energies.Account` that fills these totals. Lanes under control have no lists and no series:
+    None. ``level`` None: not computed.
     """
 
     clock: Any
@@ -223,11 +226,11 @@ class Observers(NamedTuple):
 
 
 # Default limits of a run. Friction with 60 undamped modes can reverse a few thousand times a pseudo
-# period; the usual is below 100. A million events take some ten seconds. Events that pile up at one
-# time have no more than that, since the budget grows only with the time reached.
+# period; fewer than 100 are usual. A million events take some ten seconds. Events that accumulate
+# at one time have no more than that, since the budget grows only with the time reached.
 FIRST_EVENTS = 1_000_000
 EVENTS_PER_PERIOD = 5_000
-EVALUATIONS_PER_EVENT = 40  # of the search, where ten are usual
+EVALUATIONS_PER_EVENT = 40  # most evaluations of a guard signal per event; ten are usual
 
 MOST_STALLED_EVENTS = 10_000  # events in a row without progress in time
 LONG_SEARCH_EVALUATIONS = 2_000_000  # evaluations after which a search gives up
@@ -236,7 +239,7 @@ LONG_SEARCH_EVALUATIONS = 2_000_000  # evaluations after which a search gives up
 def new_envelope(ends: Sequence[int] | NDArray[np.int64] = ()) -> EnvelopeObserver:
     """Return an envelope without samples.
 
-    Its bins end before the samples of numbers ``ends`` (B,).
+    Bin b ends before the sample of number ``ends[b]``; ``ends`` (B,), of size 0: no envelope.
     """
     last = np.array(ends, dtype=np.int64)
     return EnvelopeObserver(np.full(len(last), np.nan), np.full(len(last), np.nan), last)
@@ -250,7 +253,7 @@ def new_level(
 ) -> LevelObserver:
     """Return an empty level observer for a window of +- ``half_window_periods`` pseudo periods.
 
-    ``place`` (N_m,): mode shape where the level is read, None: at the absorber.
+    ``place`` (N_m,): mode shape at the point where the level is read, None: at the tip.
     """
     return LevelObserver(
         np.zeros(half_window_periods * samples_per_period + 1),
@@ -263,7 +266,10 @@ def new_level(
 
 @jit
 def reset_level(level):
-    """Discard all samples."""
+    """Reset the level and the envelope's bin to those before the first sample.
+
+    The envelope's extremes stay.
+    """
     state = level.state
     state.next = 0
     state.at = 0
@@ -280,14 +286,14 @@ def reset_level(level):
 
 @jit
 def push_sample(level, q):
-    """Take the next sample of the displacement (m)."""
+    """Add the next sample ``q`` (m) of the displacement to level and envelope."""
     level.block[0] = q
     push_samples(level, 0, 1)
 
 
 @jit
 def update_envelope(level, first, count):
-    """Add ``count`` samples (m), from place ``first`` of the block on, to the envelope."""
+    """Add ``count`` samples (m), from position ``first`` of the block on, to the envelope."""
     block = level.block
     low, high, ends = level.envelope
     n = level.state.next
@@ -307,7 +313,7 @@ def update_envelope(level, first, count):
 
 @jit
 def push_samples(level, first, count):
-    """Process the next ``count`` samples of the displacement (m).
+    """Add the next ``count`` samples of the displacement (m) to level and envelope.
 
     They are in the block from position ``first`` on.
     """
@@ -358,8 +364,9 @@ def push_samples(level, first, count):
 def compute_level(level):
     """Return (response level in m, sample of the maximum, largest |q| in m).
 
-    The sample of the maximum includes the fraction that a parabola gives. The window is cut where
-    the run starts or ends. The RMS is the mean of the samples after the window's first.
+    The sample of the maximum is a number with a fraction: a parabola through the maximum and its
+    two neighbours gives the fraction and the largest |q|. The window is cut at the run's start and
+    end. The response level is the RMS over the samples after the window's first.
     """
     ring = level.ring
     state = level.state
@@ -389,7 +396,10 @@ def new_counters(
     evaluations_per_s: float = 0.0,
     check: CheckObserver | None = None,
 ) -> Counters:
-    """Return counters at zero, and what the run may use."""
+    """Return counters at zero, with the limits of a run.
+
+    It may use ``events`` and ``evaluations``, and more for each second (s) of the time reached.
+    """
     counts = new_record(
         COUNTS,
         most_events=events,
@@ -404,7 +414,7 @@ def new_clock(interval: float, first: int = 0, level: bool = True) -> Any:
     """Return the clock of a run that begins.
 
     ``interval`` (s) is the time between samples, and ``first`` the number of the first sample of
-    the series.
+    the series. ``level`` False: the level is not computed.
     """
     return new_record(
         CLOCK, interval=interval, series=first, first=first, level=0 if level else LEVEL_OFF
@@ -412,7 +422,7 @@ def new_clock(interval: float, first: int = 0, level: bool = True) -> Any:
 
 
 def new_events(contacts: int, reversals: int, empty: int) -> EventLists:
-    """Return empty lists with these capacities.
+    """Return empty lists: capacities ``contacts`` of impacts and phases each, and ``reversals``.
 
     ``empty`` is the address of the function that empties them.
     """
@@ -435,7 +445,7 @@ def new_energy(modes: int) -> EnergyTotals:
 
 
 def new_check(checked: bool) -> CheckObserver:
-    """Return a check without misses; not ``checked``: searches are not checked."""
+    """Return a `CheckObserver` without misses; ``checked`` False: searches are not checked."""
     return CheckObserver(
         new_record(CHECK_COUNTS), np.zeros(3), np.zeros(FIRST_MISSES * checked, MISS_RECORD)
     )
@@ -451,7 +461,7 @@ def call_function(code: Code, address: Index):
 def find_list_index(listed, used, counts):
     """Return the index of the next record of a list with ``used`` filled records.
 
-    A full list is emptied first. The result is -1 if the list has no capacity.
+    If the list is full, all lists are emptied first. The result is -1 if it has no capacity.
     """
     if used < listed.shape[0]:
         return used
@@ -463,7 +473,7 @@ def find_list_index(listed, used, counts):
 
 @jit
 def push_impact(events, time, relative_velocity, impulse, loss, absorber):
-    """Append an impact of an absorber (its number) to the list, if there is one."""
+    """Append an IMPACT_RECORD to the list, if there is one; ``absorber``: its number."""
     if events is None:
         return
     counts = events.counts
@@ -481,7 +491,7 @@ def push_impact(events, time, relative_velocity, impulse, loss, absorber):
 
 @jit
 def push_phase(events, start, end, kind, absorber):
-    """Append a contact phase of an absorber (its number) to the list, if there is one."""
+    """Append a PHASE_RECORD to the list, if there is one; ``absorber``: its number."""
     if events is None:
         return
     counts = events.counts
@@ -498,10 +508,7 @@ def push_phase(events, start, end, kind, absorber):
 
 @jit
 def push_reversal(events, time, absorber):
-    """Append a reversal, a time (s) without relative velocity of an absorber, if they are listed.
-
-    ``absorber`` is the absorber's number.
-    """
+    """Append a REVERSAL_RECORD to the list, if there is one; ``absorber``: its number."""
     if events is None:
         return
     counts = events.counts
@@ -518,16 +525,17 @@ def push_reversal(events, time, absorber):
 def limit_searches(memory, counters):
     """Limit the evaluations of each search to those that the run may use.
 
-    ``memory`` (2,): `signals.Signal.memory`.
+    ``memory`` (2,): `signals.Signal.memory`, whose second number is changed.
     """
     memory[1] = min(memory[1], counters.counts.most_evaluations)
 
 
 @jit_inline
 def count_progress(counters, window, tau, last, stalled):
-    """Count a segment from ``last`` to ``tau`` (s from the window's centre).
+    """Count a segment from ``last`` to ``tau`` (s from the window's centre) and its event.
 
-    Return the events in a row without progress in time, and a status code.
+    Return (stalled, status): the number of events in a row without progress in time, of which
+    ``stalled`` came before, and a status code. A ``tau`` that is not finite is a failed search.
     """
     counts = counters.counts
     counts.steps += 1

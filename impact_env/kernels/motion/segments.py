@@ -2,8 +2,8 @@
 
 In: a regime with its maps (`LinearRegime`), its forced response in a window, and the free part of
 the modal amplitudes where the segment begins. Out: the tip displacement and the states at the
-samples, for the observers. From one sample to the next, modal amplitudes and force are multiplied
-by fixed factors.
+samples, for the observers. From one sample to the next, modal amplitudes and the force's phasor are
+multiplied by fixed factors.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ SAMPLES_AT_ONCE = 8  # samples that are computed at once
 
 
 class SampleTimes(NamedTuple):
-    """Equidistant samples, and their place in a block."""
+    """Times of equidistant samples, and their positions in the block of a level."""
 
-    offset: float  # of the first one from the start of a segment (s)
-    x: float  # of the first one from its window's centre (s)
-    interval: float  # between two (s)
-    first: int  # place of the first one in the block
-    number: int  # of samples
+    offset: float  # time of the first sample from the start of a segment (s)
+    x: float  # time of the first sample from the window's centre (s)
+    interval: float  # time between two samples (s)
+    first: int  # position of the first sample in the block
+    number: int  # number of samples
 
 
 Array = NDArray[np.float64]
@@ -65,8 +65,8 @@ class LinearRegime(NamedTuple):
     """A modal system with its maps to and from the state.
 
     The state has modal displacements, displacement of the absorber, modal velocities, velocity of
-    the absorber; with several absorbers as many places for them. The maps have real and imaginary
-    parts: state = Re(out Z), Z = into^T state.
+    the absorber; n absorbers have n displacements and n velocities, 2 N_m + 2 n numbers in all. The
+    maps have real and imaginary parts: state = Re(out Z), Z = into^T state.
     """
 
     system: ModalSystem  # of the modal amplitudes Z (J,)
@@ -76,12 +76,12 @@ class LinearRegime(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """Data for the energy balance."""
+    """Constants of a scene for the energy balance."""
 
-    force_shape: Array  # (N_m,)
-    tip_shape: Array  # (N_m,)
+    force_shape: Array  # (N_m,) mode shapes at the force (1/sqrt(kg))
+    tip_shape: Array  # (N_m,) mode shapes at the tip (1/sqrt(kg))
     rate: Array  # (N_m,) 2 D omega (1/s)
-    damper: float  # of the tuned absorber (N s/m)
+    damper: float  # of the tuned absorber (N s/m); 0 without
 
 
 class Buffers(NamedTuple):
@@ -97,9 +97,9 @@ class Segment(NamedTuple):
 
     regime: LinearRegime  # of the segment
     forced: Forced  # forced response in its window
-    window: ForceWindow  # whose centre is the origin of tau and end
+    window: ForceWindow  # the segment's; its centre is the origin of tau and end
     buffers: Buffers  # ``z`` is the free part at tau
-    constant: float  # constant relative force, in units of the regime's rest part
+    constant: float  # constant relative force, factor of row REST (N)
     deflection: float  # of the tip under this force (m)
     motion: NDArray[Any]  # (n,) ABSORBER_MOTION records, added to the state for each absorber
     tau: float  # start (s)
@@ -121,9 +121,10 @@ def _compute_powers(factor: Complex, one: Complex) -> list[Complex]:
 def _put_in_block(
     code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool
 ) -> None:
-    """Add numbers to the block from a position on, or write them if the block is ``fresh``.
+    """Add SAMPLES_AT_ONCE numbers to the block from position ``place`` on.
 
-    ``left`` numbers are used; with one instruction where these are all.
+    ``fresh``: they are written instead. Only the first ``left`` numbers are used if that is fewer;
+    otherwise one instruction stores all.
     """
     for whole in code.either(left >= SAMPLES_AT_ONCE):
         if whole:
@@ -155,8 +156,9 @@ def _fill_forced_part(
     first: Index,
     count: Index,
 ):
-    """Write ``rest`` plus the forced tip displacement at ``count`` samples from ``tau`` on.
+    """Write ``rest`` plus the forced tip displacement (m) at ``count`` samples to the block.
 
+    The first sample, at the time ``tau`` (s) from the window's centre, goes to position ``first``.
     c + i s is the force's phasor at ``tau``, which is multiplied by the phasor ``turn_c`` + i
     ``turn_s`` from sample to sample.
     """
@@ -213,10 +215,10 @@ def _add_amplitudes(
     first: Index,
     count: Index,
 ):
-    """Add the sum of the modal amplitudes at ``count`` samples.
+    """Add the sum of Re(u exp(s t)) at ``count`` samples to the block, from ``first`` on.
 
     The first sample has the offset d1, d2, d3, x, and the step between two samples is h1, h2, h3,
-    h.
+    h, both as `split_time` returns them.
     """
     start, step = (
         Propagator(code, rows, table, size, base, place)
@@ -238,11 +240,12 @@ def _add_amplitudes(
 
 @jit
 def fill_samples(system, signals, omega, u, rest, samples, block):
-    """Write the tip displacement at `SampleTimes` into the block.
+    """Write the tip displacement (m) at ``samples``, a `SampleTimes`, to ``block``.
 
-    ``u`` (2, J): the modal amplitudes' shares at the segment's start; ``rest`` (m): the constant
-    part. From sample to sample modal amplitudes and force turn by fixed factors, whose rounding
-    stays below 1e-16 times their number.
+    ``u`` (2, J): contributions of the free amplitudes to the tip displacement at the segment's
+    start; ``signals``: `Forced.signals`; ``omega``: carrier (rad/s); ``rest`` (m): constant part.
+    From sample to sample modal amplitudes and force turn by fixed factors, whose rounding stays
+    below 1e-16 times their number.
     """
     rows = system.rows
     table = system.table
@@ -288,25 +291,25 @@ def fill_samples(system, signals, omega, u, rest, samples, block):
 
 @jit_allocating
 def new_buffers(size):
-    """Return scratch memory for regimes of ``size`` amplitudes."""
+    """Return `Buffers` for regimes of ``size`` modal amplitudes."""
     return Buffers(np.zeros((2, size)), np.zeros((2, size)), np.zeros((2, 2, size)))
 
 
 @jit
 def compute_state(out, z, state):
-    """Write state = Re(out Z)."""
+    """Write state (n,) = Re(out z), with z (2, J)."""
     sum_state(out, state.shape[0], z.shape[1], z, state)
 
 
 @jit
 def compute_amplitudes(into, state, z):
-    """Write Z = into^T state."""
+    """Write z (2, J) = into^T state, with state (n,)."""
     sum_amplitudes_of_state(into, state.shape[0], z.shape[1], state, z)
 
 
 @jit
 def count_samples_before(end, interval):
-    """Return the number of the times 0, interval, 2 interval, ... before ``end``.
+    """Return how many of the times 0, interval, 2 interval, ... (s) are before ``end``, as a float.
 
     A time equal to ``end`` within rounding is not counted.
     """
@@ -315,9 +318,10 @@ def count_samples_before(end, interval):
 
 @jit_inline
 def sample_level(segment, clock, level):
-    """Add the displacement at the samples in [tau, end) of a segment to the level.
+    """Add the displacement at the samples in [tau, end) of a segment to the level, if there is one.
 
-    The place is the tip, or the level's ``place`` if this is given.
+    It is the displacement of the tip, or of the level's ``place`` if this is given. ``clock.level``
+    advances, and ``segment.buffers.u`` and ``rows`` are overwritten.
     """
     if level is None:
         return
@@ -351,7 +355,7 @@ def sample_level(segment, clock, level):
 
 @jit_inline
 def is_observed(window, clock, level, series, energy):
-    """Return whether an observer needs the motion within a window."""
+    """Return whether level, series or energies need the motion within a window."""
     if energy is not None:
         return True
     if series is not None:
@@ -366,7 +370,7 @@ def is_observed(window, clock, level, series, energy):
 
 @jit
 def sample_place(segment, place, samples, block):
-    """Write the displacement of a place at `SampleTimes` into the block."""
+    """Write the displacement (m) at the mode shape ``place`` (N_m,) at ``samples`` to ``block``."""
     system = segment.regime.system
     out = segment.regime.out
     w = segment.buffers.rows[0]
@@ -385,9 +389,10 @@ def sample_place(segment, place, samples, block):
 
 @jit
 def compute_state_at(segment, z, tau, offset, w, state):
-    """Write the state of the regime's map at tau + offset, from the free part z at tau.
+    """Write the state at tau + offset (s), from the free part z (2, J) at tau.
 
-    Both times are within the segment. w (2, J) is scratch.
+    Both times are within the segment. The state is that of the regime's map, without
+    ``segment.motion``. w (2, J) is scratch.
     """
     system = segment.regime.system
     copy_amplitudes(z, w)
@@ -399,7 +404,10 @@ def compute_state_at(segment, z, tau, offset, w, state):
 
 @jit_inline
 def sample_state(segment, clock, series):
-    """Write the state at the samples in [tau, end) of a segment, if states are recorded."""
+    """Write the states at the samples in [tau, end) of a segment, if states are recorded.
+
+    ``clock.series`` advances.
+    """
     if series is None:
         return
     if series.states.shape[0] > 0:
@@ -408,7 +416,7 @@ def sample_state(segment, clock, series):
 
 @jit
 def _write_states(segment, clock, series):
-    """Write the state at the samples in [tau, end) of a segment."""
+    """Write the states as `sample_state` does, to the rows of ``series.states``."""
     window = segment.window
     tau = segment.tau
     end = segment.end
@@ -436,7 +444,7 @@ def _write_states(segment, clock, series):
 
 @jit_inline
 def add_base_motion_to_state(segment, tau, state):
-    """Add the motion that a moving base gives free absorbers to a state."""
+    """Add the motion that moving bases give free absorbers at ``tau`` (s) to ``state`` in place."""
     load = segment.window.load
     if load is not None:
         q, v = compute_base_motion(load, segment.forced.signals, segment.window.omega, tau)
@@ -450,7 +458,10 @@ def add_base_motion_to_state(segment, tau, state):
 
 @jit
 def take_last_sample(state, tip_shape, end, clock, level, series):
-    """Take the sample at the end of the run, within rounding."""
+    """Add the state at the run's end ``end`` (s) to level and series, if a sample is due there.
+
+    A sample is due within rounding of its time. ``level`` and ``series`` may be None.
+    """
     interval = clock.interval
     if series is not None:
         n = clock.series
@@ -468,7 +479,7 @@ def take_last_sample(state, tip_shape, end, clock, level, series):
 
 @jit
 def compute_displacement(shape, state):
-    """Return the displacement (m) of the place of a mode shape (N_m,)."""
+    """Return the displacement (m) at the point with the mode shape ``shape`` (N_m,)."""
     q = 0.0
     for i in range(shape.shape[0]):
         q += shape[i] * state[i]
@@ -477,7 +488,7 @@ def compute_displacement(shape, state):
 
 @jit_inline
 def update_forced_response(system, window, absorber_mass, forced):
-    """Solve a regime's forced response in a window.
+    """Fill ``forced``, a regime's forced response in a window; arguments as in `solve_forced`.
 
     It is computed from unit responses if the load is linear, and otherwise as in `solve_forced`.
     """

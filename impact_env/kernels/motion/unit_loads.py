@@ -1,13 +1,13 @@
 """The forced response to loads that are straight lines in a window, such as sampled records.
 
-A window of a record is as short as its step, and nothing rotates in it. So the forced part of a
-regime is linear in two numbers, value and slope of the force, and two more of each base that moves.
-It is solved once for each of these numbers alone (`UnitResponses`); in a window it is the sum of
-these unit responses with the numbers as factors, and its bounds add up. Each force at a further
-place has two numbers more, like a base.
+A window of a record is as short as its step, and its carrier is 0. So the forced part of a regime
+is linear in two numbers, value and slope of the force, and in two more for each base that moves and
+for each force at a further point. It is solved once for a unit of each of these numbers alone
+(`UnitResponses`); in a window it is the sum of these unit responses with the numbers as factors,
+and its bounds add up.
 
 In: a load whose ``linear`` is set, a regime's system, a window. Out: `forced.Forced` as
-`forced.solve_forced` fills it, or the modal amplitudes after the window in one step.
+`forced.solve_forced` fills it, or the modal amplitudes at the window's end, in one step.
 """
 
 from __future__ import annotations
@@ -22,11 +22,13 @@ from impact_env.kernels.motion.forced import compute_force_terms, solve_forced, 
 from impact_env.kernels.motion.loads import EQUAL_LENGTH_TOL, TERMS, ForceWindow
 from impact_env.kernels.motion.modal_system import BASE, DRIVE, S, copy_amplitudes, propagate
 
-# times the half window are unit responses solved for: steps of a record differ by rounding
+# unit responses are solved for a half window longer by this factor: steps of a record differ by
+# rounding
 WINDOW_SLACK = 1.001
-EQUAL_STEP_TOL = 1e-9  # of a window: its square is below rounding
-# of the half window that unit responses were solved for: in shorter ones other modal amplitudes may
-# be near resonance, so they are solved again
+# of a window's length: where it differs by less from that of the step map, first order suffices
+EQUAL_STEP_TOL = 1e-9
+# of the half window that unit responses were solved for: in shorter windows more modal amplitudes
+# may be near resonance, so the unit responses are solved again
 SHORTEST_WINDOW_SHARE = 0.5
 
 
@@ -37,7 +39,7 @@ def _combination_code(count: int) -> Any:
     def combine(code: Code, size: Index, again: Index, shares, units, out):
         """Write the sum of shares[n] units[n], ``size`` numbers each, to ``out``.
 
-        The sum is written a second time from ``again`` on.
+        The sum is written a second time from position ``again`` of ``out`` on.
         """
         for j in code.vectors(size):
             total = code.spread(code.number(shares, 0)) * code.vector(units, j)
@@ -56,7 +58,7 @@ _combine_of_force, _combine_of_force_and_base = map(_combination_code, (2, 4))
 
 @vector_code()
 def _combine_of_all(code: Code, size: Index, again: Index, count: Index, shares, units, out):
-    """Write the sum of ``count`` shares[n] units[n] as the functions of `_combination_code` do."""
+    """Write the sum of shares[n] units[n], n below ``count``, as `_combination_code` does."""
     for j in code.vectors(size):
         total = code.sum(code.lanes)
         for n in code.loop(count):
@@ -68,7 +70,11 @@ def _combine_of_all(code: Code, size: Index, again: Index, count: Index, shares,
 
 @jit_inline
 def _combine_unit_responses(size, again, base, shares, units, out):
-    """Write the combination of the unit loads of the force, and of bases that move."""
+    """Write the sum of shares[n] units[n] to the positions 0 and ``again`` of ``out``.
+
+    Each of the unit responses has ``size`` numbers. The unit loads are those of the force, and of
+    the bases if they move.
+    """
     if not base.moves:
         _combine_of_force(size, again, shares, units, out)
     elif base.terms.shape[0] == 1:
@@ -79,14 +85,14 @@ def _combine_unit_responses(size, again, base, shares, units, out):
 
 @vector_code()
 def _store_unit_response(code: Code, size: Index, of_one, units, n: Index):
-    """Store the response ``of_one`` to unit load ``n``, ``size`` numbers."""
+    """Write the ``size`` numbers of ``of_one``, the response to unit load ``n``, to units[n]."""
     for j in code.vectors(size):
         code.store(code.vector(of_one, j), units, size * n + j)
 
 
 @jit_inline
 def _compute_coefficients(terms, base, shares):
-    """Write the coefficients of a load in the basis of the unit loads."""
+    """Write the coefficients ``shares`` (n,) of a load in the basis of the unit loads."""
     shares[0] = terms[0, 0]
     shares[1] = terms[0, 1]
     if base.moves:
@@ -97,7 +103,7 @@ def _compute_coefficients(terms, base, shares):
 
 @jit_inline
 def _set_unit_term(base, terms, n, value):
-    """Set the term of unit load ``n``."""
+    """Set the Taylor term of unit load ``n``, in ``terms`` or in ``base.terms``."""
     if n < 2:
         terms[0, n] = value
     else:
@@ -110,7 +116,10 @@ def _add_scaled(factor: Number, term: Complex, total: Complex) -> Complex:
 
 
 def _step_map_code(count: int) -> Any:
-    """Return vector code that applies the step map of ``count`` unit loads to z (2, J)."""
+    """Return vector code that applies a step map of ``count`` unit loads to z (2, J) in place.
+
+    Its arguments are those of `_apply_step_map`.
+    """
 
     @vector_code()
     def apply(code: Code, rows, size: Index, step_map, shares, half: Number, remainder: Number, z):
@@ -156,7 +165,7 @@ def _step_of_all(
 ):
     """Apply the step map of ``count`` unit loads as the functions of `_step_map_code` do.
 
-    The rows DRIVE and BASE belong to pairs of unit loads.
+    The rows from DRIVE and from BASE on each belong to a pair of unit loads, value and slope.
     """
     two = code.repeated(2.0, 0)
     for j in code.vectors(size):
@@ -189,10 +198,11 @@ def _step_of_all(
 
 @jit_inline
 def _apply_step_map(base, rows, size, step_map, shares, half, remainder, z):
-    """Propagate complete amplitudes by one step of a sampled load, and by ``remainder`` (s) more.
+    """Propagate amplitudes z (2, J), free and forced part, by the step of a step map, in place.
 
-    The latter is so short that first order suffices. ``half`` (s): from the window's centre to its
-    end, where the rate is taken.
+    They are propagated by ``remainder`` (s) more, which is so short that first order suffices.
+    ``shares`` (n,): coefficients of the unit loads; ``half`` (s): from the window's centre to its
+    end, where the rate for the remainder is computed.
     """
     if not base.moves:
         _step_of_force(rows, size, step_map, shares, half, remainder, z)
@@ -204,9 +214,9 @@ def _apply_step_map(base, rows, size, step_map, shares, half, remainder, z):
 
 @jit
 def _compute_step_column(system, units, n, half, w):
-    """Fill the column of the step map for unit load ``n``, from the response at the window's ends.
+    """Fill ``units.step_map[n + 1]`` for unit load ``n``, from its response at the window's ends.
 
-    w (2, J) is scratch.
+    ``half`` (s): half the window; w (2, J) is scratch.
     """
     step_map = units.step_map
     size = w.shape[1]
@@ -230,7 +240,10 @@ def _compute_step_column(system, units, n, half, w):
 
 @jit_separate
 def _compute_step_map(load, system, window, forced, w):
-    """Fill a regime's step map for the length of a window."""
+    """Fill a regime's step map and its length for a window as long as ``window``.
+
+    Unit responses that do not serve this length are solved again. w (2, J) is scratch.
+    """
     units = forced.unit_responses
     if not SHORTEST_WINDOW_SHARE * units.half[0] <= window.half <= units.half[0]:
         _solve_unit_responses(load, system, window, None, False, forced)
@@ -245,10 +258,11 @@ def _compute_step_map(load, system, window, forced, w):
 
 @jit_inline
 def propagate_sampled_load(load, system, window, forced, w, z):
-    """Propagate complete amplitudes over a window of straight lines in one step.
+    """Propagate amplitudes z (2, J), free and forced part, over a window of straight lines.
 
-    Return False, and do nothing, where its length differs from that of the step map. w (2, J) is
-    scratch.
+    Returns True, or False with z unchanged if the window's length differs from that of the step map
+    by more than EQUAL_STEP_TOL. The step map is computed again where they differ by more than
+    EQUAL_LENGTH_TOL. w (2, J) is scratch.
     """
     units = forced.unit_responses
     length = 2.0 * window.half
@@ -272,9 +286,11 @@ def propagate_sampled_load(load, system, window, forced, w, z):
 
 @jit_separate
 def _solve_unit_responses(load, system, window, absorber_mass, guarded, forced):
-    """Solve the `UnitResponses` of a regime for windows of this length.
+    """Solve the `UnitResponses` of a regime for windows as long as ``window``.
 
-    ``guarded``: with the guard signal.
+    ``guarded``: with the guard signal, for which ``absorber_mass`` is as in `solve_forced`. The
+    other fields of ``forced`` are used as scratch. The load's terms are overwritten and restored
+    from ``coefficients``, which must be those of the load.
     """
     units = forced.unit_responses
     half = WINDOW_SLACK * window.half
@@ -303,8 +319,8 @@ def _solve_unit_responses(load, system, window, absorber_mass, guarded, forced):
 def combine_unit_responses(load, system, window, absorber_mass, guarded, forced):
     """Fill a regime's forced response from its `UnitResponses`.
 
-    Returns False, and does nothing, if the load is not linear in the window. Arguments as in
-    `solve_forced`; not ``guarded``: without the guard signal, as in `solve_response`.
+    Returns True, or False with nothing done if the load is not linear in the window. Arguments as
+    in `solve_forced`; not ``guarded``: without the guard signal, as in `solve_response`.
     """
     units = forced.unit_responses
     if not load.linear[0]:
@@ -318,7 +334,7 @@ def combine_unit_responses(load, system, window, absorber_mass, guarded, forced)
     half = units.polynomials[0].size
     _combine_unit_responses(
         half, half, load.base, shares, units.polynomials, forced.polynomials
-    )  # B is A, since nothing turns
+    )  # B is A, since the carrier is 0
     _combine_unit_responses(
         forced.signals.size, 0, load.base, shares, units.signals, forced.signals
     )

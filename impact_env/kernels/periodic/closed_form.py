@@ -1,10 +1,14 @@
-"""The symmetric orbit with one impact a wall, in closed form.
+"""The symmetric orbit with one impact at each wall in a period, in closed form.
 
-The friction force has one sign between impacts.
+The relative velocity, and so the friction force, has one sign between impacts.
 
-With the impulse P at the lower wall (pushing up, so P > 0) and its mirror image half a period
-later, the conditions at the impact are a P + a0 = Re(f H exp(i phase)), b P + b0 = -Im(f H exp(i
-phase)): squared and added, a quadratic in P, and the phase follows.
+The impulse P on the absorber at the lower wall pushes up, so P > 0; its mirror image follows half a
+period later. The conditions at the lower wall for distance and rate are
+
+    a P + a0 = Re(f H exp(i phase)),     b P + b0 = -Im(f H exp(i phase)).
+
+The sum of their squares is a quadratic in P; the phase follows from its roots. The points
+(a P + a0, b P + b0) for all P are the line of the symmetric orbits.
 """
 
 from __future__ import annotations
@@ -23,18 +27,18 @@ from impact_env.kernels.periodic.structure import (
 
 
 class SymmetricLine(NamedTuple):
-    """Numbers of the conditions at the impact of a symmetric orbit."""
+    """Coefficients of the conditions at the lower wall: a P + a0 and b P + b0."""
 
     a: float  # m/(N s)
     b: float  # m/(N s)
     a0: float  # m
     b0: float  # m
-    receptance: complex  # H (m/N)
+    receptance: complex  # H at the tip under the force (m/N)
 
 
 @jit_inline
 def compute_kappa(restitution, compliance):
-    """Return kappa (1/kg) of an impact.
+    """Return kappa (1/kg) of an impact, from restitution and compliance G (1/kg).
 
     The mean of the relative velocities before and after an impact is -kappa P.
     """
@@ -43,7 +47,7 @@ def compute_kappa(restitution, compliance):
 
 @jit
 def compute_line(structure, point):
-    """Return the line of the symmetric orbits at a point."""
+    """Return the `SymmetricLine` of a `Structure` at a `Point` of the parameters."""
     half = np.pi / point.omega
     k = -0.25 * half / structure.mass
     k_rate = 0.0
@@ -72,9 +76,9 @@ def compute_line(structure, point):
 
 @jit
 def solve_impulses(line, force):
-    """Return the smaller and the larger root P of the quadratic in N s.
+    """Return the smaller and the larger root P (N s) of the quadratic at a force amplitude (N).
 
-    Both are nan if the quadratic has no real root.
+    Both are nan if the quadratic has no real root. A root may be negative: then it is no orbit.
     """
     quadratic = line.a * line.a + line.b * line.b  # coefficients of the quadratic in P
     linear = line.a * line.a0 + line.b * line.b0
@@ -89,7 +93,10 @@ def solve_impulses(line, force):
 
 @jit
 def compute_phase(line, force, impulse):
-    """Return the force's phase (rad, 0 to 2 pi) at the impact on the lower wall."""
+    """Return the force's phase (rad, 0 to 2 pi) at the lower wall for an impulse (N s).
+
+    ``force`` (N) is the amplitude; a nan impulse gives a nan phase.
+    """
     x = line.a * impulse + line.a0
     y = line.b * impulse + line.b0
     phase = math.atan2(-y, x) - math.atan2(line.receptance.imag, line.receptance.real)
@@ -100,9 +107,9 @@ def compute_phase(line, force, impulse):
 
 @jit
 def compute_fold(line):
-    """Return the smallest force (N) with a symmetric orbit, and its impulse (N s).
+    """Return the smallest force amplitude (N) with a real root, and its impulse (N s).
 
-    The force is the line's distance from the origin over |H|.
+    The force is the distance of the `SymmetricLine` from the origin over |H|.
     """
     square = line.a * line.a + line.b * line.b
     cross = abs(line.a * line.b0 - line.b * line.a0)
@@ -112,9 +119,10 @@ def compute_fold(line):
 
 @jit
 def fill_closed_forms(structure, point, omegas, out):
-    """Write impulse and phase of both branches (M, 4) at frequencies (M,) in rad/s.
+    """Write impulses and phases of both branches into ``out`` (M, 4) at ``omegas`` (M,) in rad/s.
 
-    The columns are the small P and its phase, the large P and its phase.
+    The columns are the smaller P (N s), its phase (rad), the larger P and its phase; all are nan
+    without an orbit. ``point.omega`` is not used.
     """
     for m in range(omegas.shape[0]):
         line = compute_line(structure, replace_frequency(point, omegas[m]))
@@ -127,7 +135,10 @@ def fill_closed_forms(structure, point, omegas, out):
 
 @jit
 def fill_fold_forces(structure, point, omegas, out):
-    """Write fold force (N) and impulse at the fold (N s), (M, 2), at frequencies (M,) in rad/s."""
+    """Write fold forces into ``out`` (M, 2) at circular frequencies ``omegas`` (M,) in rad/s.
+
+    The columns are the force (N) and the impulse (N s) at the fold. ``point.omega`` is not used.
+    """
     for m in range(omegas.shape[0]):
         out[m, 0], out[m, 1] = compute_fold(
             compute_line(structure, replace_frequency(point, omegas[m]))

@@ -5,11 +5,14 @@ constant c, by the periodic Green's function K:
 
     r(t) = c + sum_j P_j K(t - t_j) + sum_j J_j L(t - t_j) - Re(f H exp(i omega t)),     L' = K
 
-K answers an impulse that comes again after each span, mirrored or the same. It is a sum of
-exponentials and a polynomial (the absorber's share). Unknowns: the events' phases in rad of the
-force, scaled impulses, and scaled c where the span is a whole period. Conditions: at each event the
-rate (the mean of both sides equals -kappa P at a wall, 0 at a reversal), at each impact the
-distance, and over a whole period no net impulse.
+K is the response to an impulse that repeats after each span, with the opposite sign if the order is
+mirrored. It is a sum of exponentials and a polynomial (the absorber's share).
+
+The m unknowns z are, in this order, the phases of the n events (rad of the force), the impulses of
+the impacts (over `Scale.impulse`), and c (over `Scale.length`) unless the order is mirrored. The
+m conditions are in the same order: at each event the rate r' (the mean of both sides equals
+-kappa P at a wall, 0 at a reversal), at each impact the distance r, and, unless mirrored, no net
+impulse over the span.
 
 In: a structure, a point of the parameters, an order of events, a first guess. Out: residuals and
 Jacobian (`fill_conditions`), and the solution by Newton's method (`solve_orbit`), whose steps are
@@ -27,46 +30,50 @@ from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
 from impact_env.kernels.periodic.closed_form import compute_kappa
 from impact_env.kernels.periodic.structure import compute_receptance, divide_complex
 
-# columns of the Jacobian behind those of the unknowns
+# columns of the Jacobian after the m columns of the unknowns: derivatives by the parameters
 OMEGA, FORCE, GAP, RESTITUTION, LIMIT = range(5)
 
 
 class OrbitEquations(NamedTuple):
-    """The scaled conditions for m unknowns, and their derivatives."""
+    """Residuals of the scaled conditions for m unknowns, and their derivatives."""
 
     residual: NDArray[np.float64]  # (m,)
-    jacobian: NDArray[np.float64]  # (m, m + 5) by the unknowns, then OMEGA to LIMIT
+    jacobian: NDArray[np.float64]  # (m, m + 5) by the scaled unknowns, then OMEGA to LIMIT
 
 
 class OrbitWorkspace(NamedTuple):
     """Scratch memory for n events, m unknowns and J exponentials."""
 
-    steps: NDArray[np.complex128]  # (n, J) exp(s dt) from the event before
-    running: NDArray[np.complex128]  # (J,) exponentials of the periodic kernel at an event
-    first: NDArray[np.complex128]  # (J,) just after its impulse
-    mean: NDArray[np.complex128]  # (J,) at it: mean of both sides
+    steps: NDArray[np.complex128]  # (n, J) exp(s dt) from the previous event to each event
+    # (J,) exponentials of the periodic kernel, from an impulse to the current event
+    running: NDArray[np.complex128]
+    first: NDArray[np.complex128]  # (J,) the same just after the impulse
+    mean: NDArray[np.complex128]  # (J,) the same at the impulse: mean of both sides
     mean_slope: NDArray[np.complex128]  # (J,) derivative of ``mean`` by the span
-    # (J,) factor of the derivative of the others by the span
+    # (J,) derivative of ``running`` by the span over ``running``
     span_derivative: NDArray[np.complex128]
-    # (n,) index of an event's impulse among the unknowns, -1: a reversal
+    # (n,) index of an event's impulse among the unknowns and of its distance among the conditions;
+    # -1: a reversal
     impulse_index: NDArray[np.int64]
     jump: NDArray[np.float64]  # (n,) change of the friction force over muN
-    friction_response: NDArray[np.float64]  # (n, 2) displacement and rate by friction over muN
-    by_time: NDArray[np.float64]  # (n, 2) their derivatives by the event's own time
-    by_span: NDArray[np.float64]  # (n, 2) by omega with all phases kept, without the forced part
+    friction_response: NDArray[np.float64]  # (n, 2) displacement and rate by friction, over muN
+    # (n, 2) derivatives of displacement and rate by the event's own time
+    by_time: NDArray[np.float64]
+    # (n, 2) the same by the span with all phases kept, without the forced part
+    by_span: NDArray[np.float64]
 
 
-CONVERGED, NOT_CONVERGED, ORDER_LOST, SINGULAR = range(4)
+CONVERGED, NOT_CONVERGED, ORDER_LOST, SINGULAR = range(4)  # status codes of `solve_orbit`
 MOST_STEPS = 30
-RESIDUAL_TOL = 1e-13  # of the units: a residual below this is rounding
+RESIDUAL_TOL = 1e-13  # a scaled residual below this is rounding
 STALLED_RESIDUAL_TOL = 1e-9  # a residual below this that no longer falls is rounding as well
-LEAST_INTERVAL_SHARE = 0.2  # share of the time between two events that one step leaves at least
+LEAST_INTERVAL_SHARE = 0.2  # least share of the time between two events that one step leaves
 LEAST_PHASE_INTERVAL = 1e-9  # rad between events, below which their order is lost
 
 
 @jit_allocating
 def new_orbit_workspace(structure, order):
-    """Return the workspace for an order of events."""
+    """Return an `OrbitWorkspace` for an `Order`, with ``impulse_index`` and ``jump`` filled."""
     n = order.wall.shape[0]
     j = structure.s.shape[0]
     place = np.full(n, -1, np.int64)
@@ -96,9 +103,10 @@ def new_orbit_workspace(structure, order):
 
 @jit_inline
 def evaluate_absorber_kernel(structure, span, mirror, tau):
-    """Return the absorber's share of the kernels at 0 <= tau <= span (s).
+    """Return the polynomial share of the kernels at 0 <= tau <= span (s).
 
-    They are L, K, K', K'' and dL/dspan, dK/dspan, dK'/dspan.
+    The seven numbers are L, K, K', K'' and dL/dspan, dK/dspan, dK'/dspan. The polynomials come from
+    the free absorber and from the structure's static compliance.
     """
     mass = structure.mass
     static = structure.static
@@ -122,7 +130,10 @@ def evaluate_absorber_kernel(structure, span, mirror, tau):
 
 @jit
 def compute_exponentials(structure, order, omega, z, workspace):
-    """Fill the exponentials between events and those of the periodic kernel."""
+    """Fill ``steps``, ``first``, ``mean`` and the derivatives by the span in the workspace.
+
+    ``z`` has the events' phases (rad), ``omega`` is in rad/s.
+    """
     n = order.wall.shape[0]
     span = order.turn / omega
     mirror = order.mirror
@@ -140,10 +151,10 @@ def compute_exponentials(structure, order, omega, z, workspace):
 
 @jit_inline
 def sum_kernels(structure, workspace, tau, span, mirror, with_span):
-    """Return the kernels and their derivatives by the span ``tau`` (s) after an impulse.
+    """Return the kernels at ``tau`` (s) after an impulse, and their derivatives by the span.
 
-    They are L, K, K', K'' and dL/dspan, dK/dspan, dK'/dspan for the exponentials in
-    ``workspace.running``.
+    The seven numbers are L, K, K', K'' and dL/dspan, dK/dspan, dK'/dspan for the exponentials in
+    ``workspace.running``. If ``with_span`` is False, the last three lack the exponentials' share.
     """
     g0, g1, g2, g3, d0, d1, d2 = evaluate_absorber_kernel(structure, span, mirror, tau)
     for j in range(structure.s.shape[0]):
@@ -162,9 +173,9 @@ def sum_kernels(structure, workspace, tau, span, mirror, with_span):
 
 @jit_inline
 def sum_own_kernels(structure, workspace, span, mirror):
-    """Return L, K, K' at the time of an impulse itself, and their derivatives by the span.
+    """Return L, K, K' at the time of an impulse itself, and dL/dspan, dK/dspan, dK'/dspan.
 
-    At this time they are the mean of both sides.
+    Where a kernel jumps, the mean of both sides is returned.
     """
     g0 = 0.0
     g1 = -0.25 * span / structure.mass
@@ -187,9 +198,10 @@ def sum_own_kernels(structure, workspace, span, mirror):
 
 @jit
 def fill_own_rows(structure, point, order, z, scale, workspace, system):
-    """Fill the forced part, the constant and each event's own share.
+    """Fill the conditions with the forced part, the constant c and each event's own share.
 
-    The shares of other events are added later.
+    Rows of ``system`` for rates and distances are overwritten, in m/s and m, and the workspace's
+    (n, 2) arrays too. `add_pairs` adds the shares of the other events.
     """
     residual = system.residual
     jacobian = system.jacobian
@@ -215,7 +227,7 @@ def fill_own_rows(structure, point, order, z, scale, workspace, system):
             impulse = z[at] * scale.impulse
         workspace.friction_response[i, 0] = jump * g0
         workspace.friction_response[i, 1] = jump * g1
-        # by the event's own phase, the others kept: only what does not move with it
+        # derivatives by the event's own phase: an event's own response moves with it
         workspace.by_time[i, 0] = omega * forced.imag
         workspace.by_time[i, 1] = omega * omega * forced.real
         workspace.by_span[i, 0] = impulse * d1 + limit * jump * d0
@@ -238,7 +250,10 @@ def fill_own_rows(structure, point, order, z, scale, workspace, system):
 
 @jit
 def add_pairs(structure, point, order, z, scale, workspace, system, with_span):
-    """Add the shares of the other events' impulses and friction jumps to each event's rows."""
+    """Add the shares of the other events' impulses and friction jumps to each event's rows.
+
+    ``system`` and the workspace's (n, 2) arrays are modified.
+    """
     residual = system.residual
     jacobian = system.jacobian
     n = order.wall.shape[0]
@@ -274,7 +289,7 @@ def add_pairs(structure, point, order, z, scale, workspace, system, with_span):
             workspace.by_time[i, 0] += rate
             workspace.friction_response[i, 1] += turn * jump * g1
             workspace.friction_response[i, 0] += turn * jump * g0
-            # phases kept, tau and span are as 1/omega
+            # with the phases kept, tau and span are proportional to 1/omega
             workspace.by_span[i, 0] += turn * (impulse * d1 + limit * jump * d0) + rate * tau / span
             workspace.by_span[i, 1] += turn * (impulse * d2 + limit * jump * d1) + bend * tau / span
             if at >= 0:
@@ -288,7 +303,10 @@ def add_pairs(structure, point, order, z, scale, workspace, system, with_span):
 
 @jit
 def fill_derivative_rows(structure, point, order, scale, workspace, jacobian):
-    """Fill the derivatives by the events' own phases, by omega and by the friction limit."""
+    """Complete the Jacobian from the workspace's (n, 2) arrays.
+
+    These are the derivatives by the events' own phases, by omega and by the friction limit.
+    """
     n = order.wall.shape[0]
     size = jacobian.shape[0]
     omega = point.omega
@@ -306,7 +324,7 @@ def fill_derivative_rows(structure, point, order, scale, workspace, jacobian):
 
 @jit
 def fill_momentum_row(structure, point, order, z, scale, workspace, system):
-    """Fill the last row of the conditions of a whole period.
+    """Fill the last row of the conditions, in units of `Scale.impulse`, unless mirrored.
 
     It states that impulses and friction together leave the absorber's momentum unchanged.
     """
@@ -332,10 +350,10 @@ def fill_momentum_row(structure, point, order, z, scale, workspace, system):
 
 @jit
 def fill_conditions(structure, point, order, z, scale, workspace, system, with_span):
-    """Fill the system of conditions.
+    """Fill the `OrbitEquations` ``system`` with residuals and Jacobian at the unknowns ``z`` (m,).
 
-    If ``with_span`` is False, the column of omega is incomplete and therefore wrong. Newton's
-    method at one point does not need this column.
+    If ``with_span`` is False, the column OMEGA is incomplete and must not be used; Newton's method
+    at one point does not need it. The workspace is overwritten.
     """
     residual = system.residual
     jacobian = system.jacobian
@@ -360,9 +378,11 @@ def fill_conditions(structure, point, order, z, scale, workspace, system, with_s
 
 @jit
 def solve_in_place(matrix, columns, rows):
-    """Solve ``matrix`` x = column number ``columns`` of the same array, (m, > m).
+    """Write the solution of a linear system of m equations into ``rows`` (m,).
 
-    The method is elimination with row exchange. Returns False if the matrix is singular.
+    ``matrix`` (m, > m) has the system's matrix in its first m columns and the right-hand side in
+    column number ``columns``; it is overwritten. The method is elimination with row exchange.
+    Returns False, with ``rows`` unchanged, if the matrix is singular.
     """
     m = rows.shape[0]
     largest = 0.0
@@ -396,9 +416,9 @@ def solve_in_place(matrix, columns, rows):
 
 @jit
 def limit_step(order, z, step):
-    """Return the largest share (at most 1) of a Newton step that keeps the events in order.
+    """Return the largest share (at most 1) of a Newton step (m,) that keeps the events in order.
 
-    Each time between two events keeps at least `LEAST_INTERVAL_SHARE` of its length.
+    Each interval between two events keeps at least `LEAST_INTERVAL_SHARE` of its length.
     """
     n = order.wall.shape[0]
     share = 1.0
@@ -412,7 +432,7 @@ def limit_step(order, z, step):
 
 @jit
 def find_least_interval(order, z):
-    """Return the shortest way between two events in rad."""
+    """Return the shortest interval between consecutive events (rad)."""
     n = order.wall.shape[0]
     least = z[0] + order.turn - z[n - 1]
     for i in range(n - 1):
@@ -422,9 +442,11 @@ def find_least_interval(order, z):
 
 @jit_allocating
 def solve_orbit(structure, point, order, z, scale, system):
-    """Move the unknowns ``z`` (m,) to a solution.
+    """Move the unknowns ``z`` (m,) to a solution by Newton's method, in place.
 
-    Returns status, steps and largest residual. The ``system`` is left as it is at ``z``.
+    Returns (status, number of steps, largest scaled residual). The status is CONVERGED,
+    NOT_CONVERGED, ORDER_LOST or SINGULAR. After CONVERGED, ``system`` has residuals and the whole
+    Jacobian at ``z``; otherwise it must not be used.
     """
     workspace = new_orbit_workspace(structure, order)
     size = z.shape[0]

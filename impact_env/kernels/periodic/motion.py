@@ -3,10 +3,10 @@
 In: an orbit's phases and impulses (green.py). Out: the flights between its events, states, samples,
 reversals of the relative velocity, the tip's extremes, and the derivative of the return map.
 
-The monodromy matrix is a product of flights as linear maps and events as saltation matrices. An
-event moves in time with the state, so its matrix is the derivative of its jump plus what the vector
-fields before and after differ by during the shift: each is a rank-one change (of the velocities, by
-the relative displacement or by its rate at the event).
+A flight is the motion between two consecutive events. The monodromy matrix is a product of the
+linear maps of flights and the saltation matrices of events. A disturbance shifts an event in time,
+so its saltation matrix is the derivative of the jump, plus the shift times the difference of the
+vector fields before and after. Times are those at which the force's phase is omega t.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from impact_env.kernels.periodic.green import compute_exponentials, new_orbit_wo
 from impact_env.kernels.periodic.structure import divide_complex
 
 PANEL_PHASE = 1.0  # rad of the fastest exponential in one panel of nodes
-NODES = 6  # of Gauss and Legendre in a panel
+NODES = 6  # Gauss-Legendre nodes in a panel; their positions lie in 0 to 1
 NODE_PLACES, NODE_WEIGHTS = np.polynomial.legendre.leggauss(NODES)
 NODE_PLACES = 0.5 * (1.0 + NODE_PLACES)
 NODE_WEIGHTS = 0.5 * NODE_WEIGHTS
@@ -30,27 +30,28 @@ NODE_WEIGHTS = 0.5 * NODE_WEIGHTS
 class Flights(NamedTuple):
     """The flights after each of n events."""
 
-    amplitude: NDArray[np.complex128]  # (n, J) of the exponentials
-    force: NDArray[np.float64]  # (n,) friction force on the absorber (N)
-    place: NDArray[np.float64]  # (n,) of the absorber after the event (m)
-    velocity: NDArray[np.float64]  # (n,) of the absorber after the event (m/s)
-    time: NDArray[np.float64]  # (n + 1,) of the events, and of the first one of the next span (s)
+    amplitude: NDArray[np.complex128]  # (n, J) of the exponentials just after the event (N s)
+    force: NDArray[np.float64]  # (n,) friction force on the absorber after the event (N)
+    place: NDArray[np.float64]  # (n,) displacement of the absorber at the event (m)
+    velocity: NDArray[np.float64]  # (n,) velocity of the absorber after the event (m/s)
+    time: NDArray[np.float64]  # (n + 1,) of the events, then of the next span's first event (s)
 
 
 class Extremes(NamedTuple):
     """Extremes of an orbit."""
 
-    tip: float  # largest displacement of the tip (m)
-    square: float  # mean square of the displacement (m^2)
-    distance: float  # largest relative displacement (m)
+    tip: float  # largest |displacement| of the tip (m)
+    square: float  # mean square of the tip's displacement (m^2)
+    distance: float  # largest |relative displacement| (m)
 
 
 @jit_inline
 def compute_modal_motion(structure, omega, force, rest, amplitude, phase, out):
-    """Write modal displacements, velocities and accelerations (3, N_m).
+    """Write modal displacements, velocities and accelerations into ``out`` (3, N_m).
 
-    They follow from the ``amplitude`` (J,) of the exponentials, the constant force ``rest`` (N) and
-    the ``phase`` (rad).
+    The motion is the sum of three responses: to the harmonic force with amplitude ``force`` (N),
+    frequency ``omega`` (rad/s) and current ``phase`` (rad); to the constant friction force ``rest``
+    (N, on the absorber); and the exponentials with the current ``amplitude`` (J,) in N s.
     """
     turning = force * np.exp(1j * phase)
     for i in range(structure.omega.shape[0]):
@@ -74,9 +75,10 @@ def compute_modal_motion(structure, omega, force, rest, amplitude, phase, out):
 
 @jit_allocating
 def compute_flights(structure, point, order, z, impulses):
-    """Return the flights of an orbit whose first event is an impact.
+    """Return the `Flights` of an orbit whose first event is an impact.
 
-    ``z`` (n,) are the phases in rad and ``impulses`` (n,) are in N s, with 0 at reversals.
+    ``z`` (n,) are the events' phases (rad), without the other unknowns, and ``impulses`` (n,) are
+    in N s, with 0 at reversals.
     """
     workspace = new_orbit_workspace(structure, order)
     compute_exponentials(structure, order, point.omega, z, workspace)
@@ -93,7 +95,7 @@ def compute_flights(structure, point, order, z, impulses):
     time[n] = (z[0] + order.turn) / omega
     for j in range(count):
         total = 0j
-        for i in range(1, n + 1):  # once round, from just after the first event: what one span adds
+        for i in range(1, n + 1):  # one span from just after the first event: its contribution
             k = i if i < n else 0
             total *= workspace.steps[k, j]
             turn = 1.0 if i < n else order.mirror
@@ -114,9 +116,10 @@ def compute_flights(structure, point, order, z, impulses):
 
 @jit_allocating
 def fill_absorber_motion(structure, point, order, impulses, phase, flights):
-    """Fill the absorber's position and velocity after each event.
+    """Fill ``flights.place`` and ``flights.velocity``, the absorber's motion at the events.
 
-    The absorber starts on a wall. Its initial velocity follows from periodicity.
+    The absorber starts on the wall of the first event, at the force's ``phase`` (rad). Its initial
+    velocity follows from periodicity.
     """
     force = flights.force
     place = flights.place
@@ -147,9 +150,11 @@ def fill_absorber_motion(structure, point, order, impulses, phase, flights):
 
 @jit
 def compute_state_in_flight(structure, point, flights, i, dt, amplitude, modal, state):
-    """Write the state (2 N_m + 2,) ``dt`` (s) after event ``i``.
+    """Write the state at ``dt`` (s) after event ``i``, within its flight, into ``state``.
 
-    ``amplitude`` (J,) is scratch, and ``modal`` (3, N_m) contains q, q' and q'' afterwards.
+    ``state`` (2 N_m + 2,) has modal displacements, absorber displacement, modal velocities,
+    absorber velocity. ``amplitude`` (J,) is scratch memory, and ``modal`` (3, N_m) contains modal
+    displacements, velocities and accelerations afterwards.
     """
     n = structure.omega.shape[0]
     for j in range(structure.s.shape[0]):
@@ -173,7 +178,10 @@ def compute_state_in_flight(structure, point, flights, i, dt, amplitude, modal, 
 
 @jit_allocating
 def compute_states(structure, point, flights, times, out):
-    """Write states (S, 2 N_m + 2) at rising times (S,) in s from the first event to its return."""
+    """Write the states at rising ``times`` (S,) into ``out`` (S, 2 N_m + 2).
+
+    The times (s) are on the scale of ``flights.time`` and lie between its first and last entry.
+    """
     amplitude = np.zeros(structure.s.shape[0], np.complex128)
     modal = np.zeros((3, structure.omega.shape[0]))
     i = 0
@@ -187,9 +195,9 @@ def compute_states(structure, point, flights, times, out):
 
 @jit
 def compute_tip_in_flight(structure, point, h, flights, i, dt):
-    """Return displacement, velocity and acceleration of the tip ``dt`` (s) after event ``i``.
+    """Return (displacement in m, velocity in m/s, acceleration in m/s^2) of the tip in a flight.
 
-    ``h`` is the receptance.
+    The time is ``dt`` (s) after event ``i``; ``h`` (m/N) is the receptance at ``point.omega``.
     """
     omega = point.omega
     forced = point.force * h * np.exp(1j * omega * (flights.time[i] + dt))
@@ -206,9 +214,9 @@ def compute_tip_in_flight(structure, point, h, flights, i, dt):
 
 @jit
 def find_peak_near(structure, point, h, flights, i, dt, reach):
-    """Return the largest |tip displacement| (m) near ``dt`` (s) after event ``i``.
+    """Return the |tip displacement| (m) at its maximum near ``dt`` (s) after event ``i``.
 
-    It is the largest value within ``reach`` (s) of this time and within the event's flight.
+    Newton's method moves the time by at most ``reach`` (s) and within the event's flight.
     """
     length = flights.time[i + 1] - flights.time[i]
     best = abs(compute_tip_in_flight(structure, point, h, flights, i, dt)[0])
@@ -224,11 +232,12 @@ def find_peak_near(structure, point, h, flights, i, dt, reach):
 
 @jit_allocating
 def scan_flights(structure, point, h, flights, order, turns):
-    """Scan all flights of an orbit; return (extremes, number of reversals, whether the signs fit).
+    """Scan all flights of an orbit; return (`Extremes`, number of reversals, whether signs fit).
 
-    ``turns`` (capacity,) takes the times (s) at which the relative velocity changes its sign
-    between impacts, whatever the order says; the count continues beyond the capacity. The signs fit
-    if each flight ends at the wall that the order says.
+    The times (s) at which the computed relative velocity changes its sign between impacts are
+    written into ``turns`` (capacity,), also those of reversals that are not in the order; the
+    number counts reversals beyond the capacity too. The signs fit if the relative velocity points
+    towards the wall of the order before each impact. ``h`` (m/N) is the receptance.
     """
     count = structure.s.shape[0]
     n = order.wall.shape[0]
@@ -310,9 +319,9 @@ def scan_flights(structure, point, h, flights, order, turns):
 
 @jit
 def apply_flight(structure, dt, block, matrix):
-    """Multiply ``matrix`` from the left by the linear map of a flight of ``dt`` (s).
+    """Multiply ``matrix`` from the left by the linear map of a flight of ``dt`` (s), in place.
 
-    ``matrix`` has the shape (2 N_m + 2, columns).
+    ``matrix`` has the shape (2 N_m + 2, columns); ``block`` (2, N_m) is scratch memory.
     """
     n = structure.omega.shape[0]
     columns = matrix.shape[1]
@@ -320,7 +329,7 @@ def apply_flight(structure, dt, block, matrix):
     for j in range(structure.s.shape[0]):
         e = structure.weight[j] * np.exp(structure.s[j] * dt)
         i = structure.mode[j]
-        block[0, i] += e.real  # h, the answer to a unit impulse, and its rate
+        block[0, i] += e.real  # h, the response to a unit impulse, and its rate
         block[1, i] += (structure.s[j] * e).real
     for i in range(n):
         h = block[0, i]
@@ -338,7 +347,7 @@ def apply_flight(structure, dt, block, matrix):
 
 @jit
 def compute_relative_rows(structure, matrix, c):
-    """Return relative displacement and velocity of column ``c``."""
+    """Return (relative displacement, relative velocity) of the state in column ``c``."""
     n = structure.omega.shape[0]
     d = matrix[n, c]
     v = matrix[2 * n + 1, c]
@@ -350,10 +359,11 @@ def compute_relative_rows(structure, matrix, c):
 
 @jit
 def apply_saltation(structure, wall, restitution, impulse, jump, rate, bend, matrix):
-    """Multiply ``matrix`` from the left by the saltation matrix of an event.
+    """Multiply ``matrix`` from the left by the saltation matrix of an event, in place.
 
-    ``impulse`` (N s), ``jump`` (N) of the friction force on the absorber, relative velocity
-    ``rate`` (m/s) and acceleration ``bend`` (m/s^2) before.
+    ``wall`` is -1 or 1 at an impact, 0 at a reversal. ``impulse`` (N s) acts on the absorber, 0 at
+    a reversal. ``jump`` (N) is the change of the friction force on the absorber; ``rate`` (m/s) and
+    ``bend`` (m/s^2) are relative velocity and acceleration before the event.
     """
     n = structure.omega.shape[0]
     mass = structure.mass
@@ -369,19 +379,21 @@ def apply_saltation(structure, wall, restitution, impulse, jump, rate, bend, mat
             matrix[n, c] += impulse * shift / mass
         matrix[2 * n + 1, c] += push / mass
         for i in range(n):
-            # a mode's damping answers the impulse at once, and so for the time of the shift
+            # the impulse changes a mode's damping force at once, for the time of the shift
             matrix[i, c] -= structure.tip[i] * impulse * shift
             matrix[n + 1 + i, c] -= structure.tip[i] * (push - structure.rate[i] * impulse * shift)
 
 
 @jit_allocating
 def compute_monodromy(structure, point, order, flights, impulses, jumps, matrix, turning):
-    """Write the derivative of the map over one span, from just after the first event to its return.
+    """Write the derivative of the map over one span into ``matrix`` (2 N_m + 2, 2 N_m + 2).
 
-    It is mirrored back if the order is mirrored. ``jumps`` (n,): changes of the friction force in
-    N. ``turning`` (n,) takes the relative acceleration before each reversal over the change that
-    friction brings: -1 or below where the absorber slides on the other way, in between friction
-    holds it; and -inf at impacts.
+    The span goes from just after the first event to just after its return. The derivative is
+    multiplied by -1 if the order is mirrored. ``impulses`` (n,) are in N s; ``jumps`` (n,) are the
+    changes of the friction force on the absorber (N). Written too is ``turning`` (n,): at each
+    reversal the relative acceleration before it over the change by the friction jump. At -1 or
+    below the absorber slides in the other direction, above -1 friction holds it. At impacts, and
+    at reversals without a jump, the entry is -inf.
     """
     n = order.wall.shape[0]
     size = matrix.shape[0]

@@ -2,8 +2,8 @@
 
 It consists of a structure as exponentials, a point of the parameters, and an order of events.
 
-A mode answers a unit impulse by h(t) = sum of Re(weight exp(s t)) over its exponentials: one
-complex one, or two real ones where it is overdamped.
+A mode's response to a unit impulse is h(t) = sum of Re(weight exp(s t)) over its exponentials: one
+complex exponential, or two real ones if the mode is overdamped.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ class Structure(NamedTuple):
     s: NDArray[np.complex128]  # (J,) exponents of the modes (1/s)
     weight: NDArray[np.complex128]  # (J,) their weights in the response to a unit impulse
     powers: NDArray[np.complex128]  # (4, J) tip^2 weight/s, and that times s, s^2, s^3
-    mode: NDArray[np.int64]  # (J,) mode that an exponential belongs to
-    omega: NDArray[np.float64]  # (N_m,) rad/s
+    mode: NDArray[np.int64]  # (J,) index of the mode that an exponential belongs to
+    omega: NDArray[np.float64]  # (N_m,) circular frequencies (rad/s)
     rate: NDArray[np.float64]  # (N_m,) 2 D omega (1/s)
     push: NDArray[np.float64]  # (N_m,) mode shape at the force
     tip: NDArray[np.float64]  # (N_m,) mode shape at the absorber
@@ -35,33 +35,33 @@ class Structure(NamedTuple):
 class Point(NamedTuple):
     """A point of the parameters."""
 
-    omega: float  # circular frequency (rad/s)
+    omega: float  # circular frequency of the force (rad/s)
     force: float  # amplitude (N)
-    gap: float  # half-clearance (m)
+    gap: float  # clearance from the middle of the cavity to either wall (m)
     restitution: float  # Newton's coefficient
-    limit: float  # of friction (N)
+    limit: float  # friction limit muN (N)
 
 
 class Order(NamedTuple):
-    """The events of one span, which repeats."""
+    """The n events, impacts and slip reversals, of one span of time, which repeats."""
 
-    wall: NDArray[np.int64]  # (n,) wall of an impact, -1 or 1; 0: a reversal
-    sign: NDArray[np.int64]  # (n,) sign of the relative velocity after each event
-    turn: float  # span in rad of the force
-    mirror: float  # -1: the next span is the mirrored one, 1: the same again
+    wall: NDArray[np.int64]  # (n,) wall of an impact, -1 lower or 1 upper; 0: a reversal
+    sign: NDArray[np.int64]  # (n,) sign of the relative velocity after each event, 1 or -1
+    turn: float  # length of the span in rad of the force's phase
+    mirror: float  # -1: the next span has the opposite motion, 1: the same motion
 
 
 class Scale(NamedTuple):
-    """Units of the unknowns and residuals: length (m), velocity (m/s), impulse (N s)."""
+    """Units by which unknowns and residuals are divided."""
 
-    length: float
-    velocity: float
-    impulse: float
+    length: float  # m
+    velocity: float  # m/s
+    impulse: float  # N s
 
 
 @jit_inline
 def replace_frequency(point, omega):
-    """Return the point at another circular frequency (rad/s)."""
+    """Return a copy of the `Point` with another circular frequency (rad/s)."""
     return Point(omega, point.force, point.gap, point.restitution, point.limit)
 
 
@@ -79,9 +79,9 @@ def divide_complex(a, b):
 
 @jit
 def compute_receptance(structure, omega):
-    """Return the receptance H (m/N) and dH/domega.
+    """Return the complex receptance H (m/N) and dH/domega (m s/N) at ``omega`` (rad/s).
 
-    H is the displacement of the tip under a force exp(i omega t) at the place of the force.
+    H exp(i omega t) is the displacement of the tip under the force exp(i omega t) (N).
     """
     value = 0j
     slope = 0j

@@ -1,7 +1,8 @@
 """The stepping methods.
 
-They are Moreau's method with the rigid contact laws, and the Runge-Kutta method with the contact
-laws that are springs.
+They are Moreau's method with the rigid contact laws, and the Runge-Kutta method with the compliant
+contact laws.
 
-In: modes, laws and the force at equidistant times. Out: as of the exact method, with its observers.
+In: modes, laws, breakpoints of the drive, the initial state, a time step. Out: the final state, a
+status code, and the filled observers, which are those of the exact method.
 """

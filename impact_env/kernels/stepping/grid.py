@@ -1,12 +1,13 @@
 """Common parts of the two time-stepping kernels: modes, drive, time steps and samples.
 
-In: the drive's breakpoints and a time step. Out: the harmonic force at equidistant times, and the
-samples between the steps.
+In: the drive's breakpoints and a time step. Out: the force at equidistant times, and the samples
+between the steps.
 
-The force is the real part of a rotating phasor, which spares a cosine at each step. Over one
-section of the schedule the phase is a quadratic in time, so the phasor's turn per step is itself a
-phasor that turns at a constant rate. Rounding grows with the square of the number of turns; the
-phasor is computed again after `PHASOR_STEPS` of them, when rounding is below 2e-13.
+The schedule has K breakpoints; section k lies between breakpoints k and k + 1. The force is the
+real part of a rotating phasor, which spares a cosine at each step. Over one section the phase is a
+quadratic in time, so the phasor's turn per step is itself a phasor that turns at a constant rate.
+Rounding grows with the square of the number of steps; the phasor is computed again after
+`PHASOR_STEPS` of them, when rounding is below 2e-13.
 """
 
 from __future__ import annotations
@@ -21,58 +22,60 @@ from impact_env.kernels.compiling.jit import jit, jit_inline
 from impact_env.kernels.motion.loads import LoadPieces, compute_force, has_sources
 from impact_env.kernels.motion.observers import LEVEL_OFF, push_phase
 
-PHASOR_STEPS = 32
+PHASOR_STEPS = 32  # steps after which the phasor is computed again
 
 
 class Spring(NamedTuple):
-    """A spring and a damper between absorber and tip."""
+    """A linear spring and a damper between absorber and tip."""
 
-    stiffness: float  # N/m, 0: there is none
+    stiffness: float  # N/m, 0: neither spring nor damper
     damping: float  # N s/m
 
 
 NO_SPRING = Spring(0.0, 0.0)
 
 Array = NDArray[np.float64]
-NO_PHASE = -1  # kind of phase: none
+NO_PHASE = -1  # kind of contact phase: the absorber is free or slides
 
 
 class BeamModes(NamedTuple):
-    """The modes of the beam."""
+    """The N_m mass-normalised modes of the beam."""
 
     omega: Array  # (N_m,) circular frequencies (rad/s)
     damping_ratio: Array  # (N_m,)
-    force_shape: Array  # (N_m,) at the force
-    tip_shape: Array  # (N_m,) at the tip
+    force_shape: Array  # (N_m,) mode shapes at the force
+    tip_shape: Array  # (N_m,) mode shapes at the absorber
 
 
 class DriveForce(NamedTuple):
-    """Breakpoints of the drive.
+    """The K breakpoints of the drive and the values of the force there.
 
-    Other loads than the chirp of one force are all forces; then only the times are used, and the
-    amplitude is 1.
+    If ``load`` has sources, it replaces the chirp: then only ``times`` is used, ``amplitude`` is 1,
+    and all sources are forces, none a motion of the base.
     """
 
     times: Array  # (K,) s
     omegas: Array  # (K,) circular frequencies (rad/s)
-    phases: Array  # (K,) integrals of the frequency (rad)
+    phases: Array  # (K,) integrals of the frequency from the first breakpoint on (rad)
     amplitude: float  # N
-    phase: float  # rad
-    load: LoadPieces  # other loads; without sources: there are none
+    phase: float  # phase at the first breakpoint, added to ``phases`` (rad)
+    load: LoadPieces  # other loads; without sources: the chirp
 
 
 class TimeStep(NamedTuple):
-    """A time step, reduced so that it divides the duration."""
+    """The largest time step, and the width of the table of modes."""
 
-    dt: float  # s
-    wide_stride: int | None  # width of a table of more oscillators than usual, else None
+    dt: float  # s; the kernels reduce it so that it divides the duration
+    # distance between rows of the table, None: the constant `STRIDE` of the method
+    wide_stride: int | None
 
 
 @jit
 def find_section(times, k, t):
-    """Return the section of the schedule that contains time ``t``.
+    """Return the index of the section of the schedule that contains time ``t`` (s).
 
-    The search goes forward from section ``k``. The last section has no end.
+    The search goes forward from section ``k``. A breakpoint belongs to the section that it begins,
+    and times after the last breakpoint belong to the last section.
     """
     while k + 2 < times.shape[0] and t >= times[k + 1]:
         k += 1
@@ -81,7 +84,10 @@ def find_section(times, k, t):
 
 @jit
 def count_steps_left(times, k, t, dt, most):
-    """Return how many of the times t, t + dt, ... (1 to ``most``) lie in section ``k``."""
+    """Return a number of times t, t + dt, ..., 1 to ``most``, that all lie in section ``k``.
+
+    ``t`` lies in the section. If the result is below ``most``, one more time may lie in it.
+    """
     if k + 2 >= times.shape[0] or t + most * dt < times[k + 1]:
         return most
     return max(1, min(most, int((times[k + 1] - t) / dt)))
@@ -89,9 +95,10 @@ def count_steps_left(times, k, t, dt, most):
 
 @jit
 def compute_force_angle(force, k, t):
-    """Return the force's angle in section ``k`` at time ``t``.
+    """Return the phase of the chirp in section ``k`` at time ``t`` (s), and its derivatives.
 
-    The result is (phase in rad, frequency in rad/s, its rate in rad/s^2).
+    The result is (phase in rad without ``force.phase``, circular frequency in rad/s, its rate in
+    rad/s^2).
     """
     times = force.times
     omegas = force.omegas
@@ -103,10 +110,10 @@ def compute_force_angle(force, k, t):
 
 @jit
 def compute_phasor(force, k, t, dt):
-    """Return cosine and sine of the force's phase and of its changes.
+    """Return cosine and sine of the force's phase, of its turn, and of the change of its turn.
 
-    They are those of the phase at ``t``, of its turn to t + dt, and of the change of this turn per
-    step.
+    The six numbers are cosine and sine of the phase at ``t`` (s), of the turn from t to t + dt, and
+    of the increase of the turn per step.
     """
     angle, omega, rate = compute_force_angle(force, k, t)
     turn = (omega + 0.5 * rate * dt) * dt
@@ -123,9 +130,10 @@ def compute_phasor(force, k, t, dt):
 
 @jit
 def fill_force(target, count, force, k, t, dt):
-    """Write the force for amplitude 1 at t, t + dt, ... into ``target``.
+    """Write the force at t, t + dt, ... into ``target``; return the section of time ``t`` (s).
 
-    The first ``count`` entries are written. Returns the section of the first time.
+    The first ``count`` entries are written: the chirp for amplitude 1, or the other loads in N. The
+    search for the section begins at section ``k``.
     """
     times = force.times
     load = force.load
@@ -155,7 +163,11 @@ def fill_force(target, count, force, k, t, dt):
 
 @jit
 def find_sample_range(clock, level, series, duration):
-    """Return the first sample that an observer needs, and the one after the last."""
+    """Return (first sample that an observer needs, first sample that none needs any more).
+
+    Samples are numbered from 0 at time 0; ``duration`` (s) is that of the run. ``level`` and
+    ``series`` are observers or None. The result is (0, 0) if no samples are needed.
+    """
     every = int(duration / clock.interval + 1e-9) + 1
     if level is not None:
         if clock.level != LEVEL_OFF:
@@ -167,7 +179,11 @@ def find_sample_range(clock, level, series, duration):
 
 @jit
 def find_sample_step(row, rows, sample_dt, dt, steps):
-    """Return the step at whose end, or before it, sample ``row`` lies; -1 if none is left."""
+    """Return the index of the step within which or at whose end sample ``row`` lies.
+
+    The result is -1 if ``row`` is not below ``rows``, so that no sample is left. ``sample_dt`` and
+    ``dt`` (s) are the distances of samples and steps; ``steps`` is the number of steps.
+    """
     if row >= rows:
         return -1
     return min(max(int(np.ceil(row * sample_dt / dt - 1e-9)) - 1, 0), steps - 1)
@@ -175,7 +191,10 @@ def find_sample_step(row, rows, sample_dt, dt, steps):
 
 @jit
 def needs_all_modes(level, series):
-    """Return whether a sample needs all modes, and not the motion of the absorber's place alone."""
+    """Return whether a sample needs the motion of all modes, not only that of the tip.
+
+    That is so if states are recorded, or the level at another point than the absorber.
+    """
     if series is not None:
         if series.states.shape[0] > 0:
             return True
@@ -186,19 +205,17 @@ def needs_all_modes(level, series):
 
 @jit
 def find_series_row(clock, series, sample):
-    """Return the row of the series for a sample of the run.
-
-    The result is -1 if the series does not contain the sample.
-    """
+    """Return the row of ``series.states`` for a sample of the run, -1 if it has none."""
     row = sample - clock.first
     return row if 0 <= row < series.states.shape[0] else -1
 
 
 @jit_inline
 def interpolate_displacement(start, end, part, h):
-    """Return the displacement at ``part`` (0 to 1) of a step of h (s).
+    """Return the displacement (m) at the fraction ``part`` (0 to 1) of a step of h (s).
 
-    It is that of the cubic through displacements and velocities (q, v) at the step's ends.
+    The cubic through ``start`` and ``end`` is evaluated, which are (displacement, velocity) at the
+    step's ends.
     """
     q0, v0 = start
     q1, v1 = end
@@ -210,7 +227,7 @@ def interpolate_displacement(start, end, part, h):
 
 @jit_inline
 def interpolate_velocity(start, end, part, h):
-    """Return the velocity of the cubic of `interpolate_displacement`."""
+    """Return the velocity (m/s) of the cubic of `interpolate_displacement`."""
     q0, v0 = start
     q1, v1 = end
     left = 1.0 - part
@@ -223,7 +240,10 @@ def interpolate_velocity(start, end, part, h):
 
 @jit
 def record_contact_phase(kind, start, end, counters, events):
-    """Record the contact phase from ``start`` to ``end`` (s), unless its kind is NO_PHASE."""
+    """Record the contact phase from ``start`` to ``end`` (s), unless its kind is NO_PHASE.
+
+    The duration is added to ``counters.counts.stuck_time``, the phase to the list in ``events``.
+    """
     if kind != NO_PHASE:
         counters.counts.stuck_time += end - start
         push_phase(events, start, end, kind, 0)

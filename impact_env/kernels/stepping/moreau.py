@@ -1,7 +1,7 @@
 """The paper's Moreau time stepping with rigid contact laws (paper, section 2.4).
 
-The laws are Eqs. signorini, coulomb and impulse. They are numbers, 0 where a scene has no such law,
-so that one kernel integrates every scene.
+The laws are Eqs. signorini, coulomb and impulse. Laws that a scene lacks have values without effect
+(`RigidLaws`), so that one kernel integrates every scene.
 
 In: modes, laws, force, the initial state, a time step, observers. Out: the final state and a status
 code (`moreau_lane`).
@@ -10,8 +10,8 @@ One step: q_M = q_n + dt/2 u_n; forces at q_M, u_n and t_M = t_n + dt/2; the con
 velocity level, with a wall taking part if q_M has reached it; q_n+1 = q_M + dt/2 u_n+1. Since the
 next q_M is q_M + dt u_n+1, the loop keeps the displacements at the middle of the steps, and one
 pass over the modes does a step. All contact acts along one line, so the contact problem has a
-closed form and needs no iteration. The scheme is of first order: damping acts at u_n and an impact
-is noticed at the end of its step. Without both it is of second.
+closed form and needs no iteration. The scheme is of first order, because damping acts at u_n and an
+impact takes effect at the end of its step. Without damping and impacts it is of second order.
 """
 
 from __future__ import annotations
@@ -53,63 +53,71 @@ from impact_env.kernels.stepping.grid import (
     record_contact_phase,
 )
 
-# a relative velocity after impact this much smaller than what one step changes is rest: ends the
-# scheme's endless chatter on a closed wall
+# a relative velocity after an impact below this share of its change in one step counts as rest,
+# which ends the scheme's endless chatter on a closed wall
 REST_TOL = 1e-6
 
 
 class RigidLaws(NamedTuple):
-    """Contact laws of one absorber."""
+    """Mass and contact laws of one absorber."""
 
     mass: float = 0.0  # kg, 0 without absorber
-    walls: Walls = NO_WALLS  # `NO_WALLS` without
-    limit: float = 0.0  # of friction (N), 0 without, infinity: stuck
-    spring: Spring = NO_SPRING  # `NO_SPRING` without
+    walls: Walls = NO_WALLS  # `NO_WALLS` without walls
+    limit: float = 0.0  # friction limit (N), 0 without friction, infinity: always stuck
+    spring: Spring = NO_SPRING  # `NO_SPRING` without a spring
 
 
 Array = NDArray[np.float64]
-# rows of the table of modes
-STRIDE = 64
+STRIDE = 64  # distance between rows of the table of modes
+# rows, with one number for each mode. _Q: displacement at the middle of the step. _U: velocity at
+# its start. _KEEP: 1 - 2 D omega dt. _PULL: omega^2 dt. _PUSH: change of velocity by force 1. _TIP:
+# mode shape at the absorber. _Q_BEFORE, _U_BEFORE: state at the step's start (`_save_modes`).
 _Q, _U, _KEEP, _PULL, _PUSH, _TIP, _Q_BEFORE, _U_BEFORE, _ROWS = range(9)
 
 
 class MoreauTable(NamedTuple):
     """The modes in the form that the loop over steps uses."""
 
-    cells: Array  # rows of numbers of each mode: _Q to _U_BEFORE
+    cells: Array  # (_ROWS * distance between rows,) the rows _Q to _U_BEFORE
     modes: int  # N_m
     lanes: int  # N_m rounded up to a multiple of 4
-    wide_stride: int | None  # distance of rows if it is not `STRIDE`
-    dt: float  # step (s)
+    wide_stride: int | None  # distance between rows, None: `STRIDE`
+    dt: float  # time step (s)
 
 
 class StepState(NamedTuple):
-    """Motion of tip and absorber in a step."""
+    """Displacements of tip and absorber at the middle of a step, velocities at its start."""
 
     tip_q: float  # displacement of the tip at the middle of the step (m)
-    tip_u: float  # velocity of the tip at its start (m/s)
+    tip_u: float  # velocity of the tip at the start of the step (m/s)
     q: float  # displacement of the absorber at the middle (m)
     v: float  # velocity of the absorber at the start (m/s)
-    gamma: float  # relative velocity at the start (m/s)
+    gamma: float  # relative velocity v - tip_u at the start (m/s)
 
 
 class ContactPercussion(NamedTuple):
-    """Contact percussions on the absorber in a step (N s)."""
+    """Contact percussions on the absorber in a step, and the kind of contact."""
 
     friction: float  # N s
     normal: float  # of the wall (N s)
-    kind: int  # of contact phase, NO_PHASE without
+    kind: int  # STUCK_INSIDE, HELD_LOWER, HELD_UPPER or NO_PHASE
 
 
 @jit
 def solve_contact(before, free, distance, walls, slip, compliance):
     """Solve one step's contact problem.
 
-    Returns (relative velocity after, friction and wall percussion on the absorber, kind of phase).
-    ``before`` and ``free`` are the relative velocity at the step's start and at its end without
-    contact; ``slip`` (N s): largest friction percussion, 0 without friction. First friction alone
-    is tried. If a closed wall then opens with less than -e times the velocity before, the wall
-    enforces this value, and friction takes the share that its law gives.
+    Returns (relative velocity at the step's end in m/s, friction percussion and wall percussion on
+    the absorber in N s, kind of contact phase: STUCK_INSIDE, HELD_LOWER, HELD_UPPER or NO_PHASE).
+
+    ``before`` and ``free`` (m/s) are the relative velocities at the step's start, and at its end
+    without contact. ``distance`` (m) is the relative displacement at the middle of the step,
+    ``slip`` (N s) the largest friction percussion, 0 without friction, and ``compliance`` (1/kg)
+    that at the contact.
+
+    First friction alone is tried. If a wall is reached and the absorber would leave it more slowly
+    than with -e times ``before``, the wall enforces this velocity, and its percussion is the total
+    less that of friction.
     """
     after = free
     friction = 0.0
@@ -150,7 +158,10 @@ def solve_contact(before, free, distance, walls, slip, compliance):
 
 @jit_allocating
 def _new_moreau_table(modes, amplitude, state, dt, wide_stride):
-    """Return the table of the modes at a run's start."""
+    """Return the `MoreauTable` of `grid.BeamModes` for the ``state`` (2 N_m + 2,) at a run's start.
+
+    ``amplitude`` (N) is that of the force, ``dt`` (s) the time step.
+    """
     stride = STRIDE
     if wide_stride is not None:
         stride = wide_stride
@@ -167,7 +178,12 @@ def _new_moreau_table(modes, amplitude, state, dt, wide_stride):
 
 
 def _step_code(pushed: bool) -> Any:
-    """Return vector code for a step of all modes, ``pushed`` by a spring or not."""
+    """Return vector code for a step of all modes, ``pushed`` by a spring or not.
+
+    The code updates the rows _Q and _U of a table, and returns the tip's velocity at the step's end
+    and its displacement at the middle of the next step. ``force`` is the force over its amplitude,
+    ``push`` the spring's percussion on the tip (N s).
+    """
 
     @vector_code(NUMBER, 2)
     def advance(
@@ -200,7 +216,7 @@ _step_with_spring = _step_code(True)
 
 @jit_inline
 def _find_stride(wide_stride):
-    """Return the distance between rows; a constant one spares a check for overlap."""
+    """Return the distance between rows; the constant `STRIDE` spares a check for overlap."""
     if wide_stride is None:
         return STRIDE
     return wide_stride
@@ -208,11 +224,13 @@ def _find_stride(wide_stride):
 
 @jit_inline
 def _advance_modes(table, laws, body, distance, force):
-    """Advance modes and absorber by a step without contact.
+    """Advance the modes in ``table`` by a step without contact.
 
-    Return the tip's velocity at the step's end, its displacement at the next step's middle, and the
-    absorber's velocity. With and without a spring are two branches with a loop each, which the
-    compiler does not merge: else each step would wait for the spring's arithmetic.
+    Returns (tip's velocity at the step's end in m/s, its displacement at the next step's middle in
+    m, absorber's velocity at the step's end in m/s). ``body`` is the `StepState` of the step,
+    ``distance`` (m) its relative displacement, ``force`` the force over its amplitude. With and
+    without a spring are two branches with a loop each, which the compiler does not merge: else each
+    step would wait for the spring's arithmetic.
     """
     if laws.spring.stiffness == 0.0:
         tip_u, tip_q = _step_without_spring(
@@ -228,7 +246,7 @@ def _advance_modes(table, laws, body, distance, force):
 
 @jit
 def _apply_percussion(table, percussion):
-    """Apply the reaction of the contact percussion (N s, on the absorber) to the modes."""
+    """Apply the reaction to a percussion on the absorber (N s) to the modes in ``table``."""
     cells = table.cells
     stride = _find_stride(table.wide_stride)
     for j in range(table.lanes):
@@ -239,7 +257,7 @@ def _apply_percussion(table, percussion):
 
 @jit
 def _save_modes(table):
-    """Save displacements and velocities of the modes at the step's start."""
+    """Write the modes' state at the step's start into the rows _Q_BEFORE and _U_BEFORE."""
     cells = table.cells
     stride = _find_stride(table.wide_stride)
     for j in range(table.modes):
@@ -250,9 +268,10 @@ def _save_modes(table):
 
 @jit_inline
 def _account_modes(energy, table, force):
-    """Add the work of the force and the dissipation of the modes in a step.
+    """Add the force's work and the modes' dissipation in a step to ``energy`` (J).
 
-    With the mean velocity of the step the energy balance closes up to dt^2/8 times the change of
+    ``force`` is the force over its amplitude; `_save_modes` was called at the step's start. With
+    the mean velocity of the step the energy balance closes up to dt^2/8 times the change of
     sum omega^2 u^2, which does not grow with time.
     """
     cells = table.cells
@@ -267,7 +286,11 @@ def _account_modes(energy, table, force):
 
 @jit_inline
 def _record_impact(normal, distance, before, after, time, observers):
-    """Add the loss of a wall's impulse; record an impact where the absorber approached the wall."""
+    """Add the loss by a wall's percussion ``normal`` (N s) to the energies, and record an impact.
+
+    ``distance`` (m) is the relative displacement, ``before`` and ``after`` (m/s) are the relative
+    velocities. It is an impact only if the absorber approached the wall: else the wall holds it.
+    """
     loss = -0.5 * normal * (before + after)
     energy = observers.energy
     if energy is not None:
@@ -279,26 +302,26 @@ def _record_impact(normal, distance, before, after, time, observers):
 
 @jit_inline
 def _compute_tip_at_start(body, dt):
-    """Return displacement and velocity of the tip at the start of the step."""
+    """Return (displacement in m, velocity in m/s) of the tip at the start of the step."""
     return body.tip_q - 0.5 * dt * body.tip_u, body.tip_u
 
 
 @jit_inline
 def _compute_absorber_at_start(body, dt):
-    """Return displacement and velocity of the absorber at the start of the step."""
+    """Return (displacement in m, velocity in m/s) of the absorber at the start of the step."""
     return body.q - 0.5 * dt * body.v, body.v
 
 
 @jit
 def _read_mode_before(table, j):
-    """Return displacement and velocity of a mode at the start of the step."""
+    """Return displacement and velocity of mode ``j`` at the step's start, from `_save_modes`."""
     stride = _find_stride(table.wide_stride)
     return table.cells[_Q_BEFORE * stride + j], table.cells[_U_BEFORE * stride + j]
 
 
 @jit
 def _read_mode_after(table, j):
-    """Return displacement and velocity of a mode at the end of the step."""
+    """Return displacement and velocity of mode ``j`` at the end of the step."""
     stride = _find_stride(table.wide_stride)
     u = table.cells[_U * stride + j]
     return table.cells[_Q * stride + j] - 0.5 * table.dt * u, u
@@ -306,7 +329,11 @@ def _read_mode_after(table, j):
 
 @jit_inline
 def _sample_level(level, clock, part, before, after, table):
-    """Add the displacement at ``part`` (0 to 1) of a step to the level."""
+    """Add the displacement at the fraction ``part`` (0 to 1) of a step to the level.
+
+    Nothing is done if ``level`` is None or off. ``before`` and ``after`` are the `StepState` of
+    this step and of the next.
+    """
     if level is None:
         return
     if clock.level == LEVEL_OFF:
@@ -326,7 +353,10 @@ def _sample_level(level, clock, part, before, after, table):
 
 @jit_inline
 def _sample_state(series, clock, sample, part, before, after, table):
-    """Write the state at ``part`` (0 to 1) of a step, if the series has a row for the sample."""
+    """Write the state at the fraction ``part`` (0 to 1) of a step, if the series has its sample.
+
+    ``series`` may be None; ``before`` and ``after`` are as in `_sample_level`.
+    """
     if series is None:
         return
     row = find_series_row(clock, series, sample)
@@ -348,7 +378,11 @@ def _sample_state(series, clock, sample, part, before, after, table):
 
 @jit
 def _write_state(m_a, state, table, body):
-    """Write the state at the end of the last step."""
+    """Write the state at the end of the last step into ``state`` (2 N_m + 2,).
+
+    ``body`` is the `StepState` after this step. Without an absorber (``m_a`` 0) the absorber's
+    entries are kept.
+    """
     cells = table.cells
     n = table.modes
     stride = _find_stride(table.wide_stride)
@@ -362,10 +396,10 @@ def _write_state(m_a, state, table, body):
 
 @jit
 def _init_step_state(m_a, tip_shape, state, dt):
-    """Return the `StepState` of the first step, and the compliance at the contact.
+    """Return the `StepState` of the first step for an initial state, and the compliance.
 
-    The compliance (1/kg) is the relative acceleration of absorber and tip under a unit force
-    between them.
+    The compliance at the contact (1/kg) is the relative acceleration of absorber and tip under a
+    unit force between them.
     """
     n = tip_shape.shape[0]
     displacement = 0.0
@@ -385,9 +419,12 @@ def _init_step_state(m_a, tip_shape, state, dt):
 
 @jit_inline
 def _apply_contact(m_a, bounds, table, body, distance):
-    """Solve the contact of absorber, tip and walls in a step.
+    """Solve the contact problem of a step, and apply its percussions to the modes in ``table``.
 
-    Returns `StepState` and `ContactPercussion`.
+    ``bounds`` is (walls, largest friction percussion in N s, compliance in 1/kg). ``body`` has the
+    motion after the step without contact, but the relative velocity ``gamma`` before it;
+    ``distance`` (m) is the relative displacement. Returns the `StepState` of the next step, and the
+    `ContactPercussion`.
     """
     walls, slip, compliance = bounds
     v = body.v
@@ -409,9 +446,11 @@ def _apply_contact(m_a, bounds, table, body, distance):
 
 @jit_inline
 def _advance_step(i, table, laws, bounds, body, force, observers):
-    """Perform step i and add it to the energies.
+    """Perform step ``i``, record its impact, and add its work and losses to the energies.
 
-    Returns the `StepState` at its end and the kind of phase in it.
+    ``body`` is the `StepState` of this step, ``force`` the force over its amplitude, ``bounds`` as
+    in `_apply_contact`. Returns the `StepState` of the next step, and the kind of contact phase in
+    this one.
     """
     dt = table.dt
     energy = observers.energy
@@ -430,7 +469,7 @@ def _advance_step(i, table, laws, bounds, body, force, observers):
     if hit.normal != 0.0:
         _record_impact(hit.normal, distance, body.gamma, after.gamma, (i + 1) * dt, observers)
     if energy is not None:
-        # with the mean relative velocity of the step
+        # the mean relative velocity of the step closes the energy balance
         mean = 0.5 * (body.gamma + after.gamma)
         energy.totals[0].friction_loss -= hit.friction * mean
         energy.totals[0].absorber_damping += laws.spring.damping * body.gamma * mean * dt
@@ -442,10 +481,12 @@ def _advance_step(i, table, laws, bounds, body, force, observers):
 def moreau_lane(modes, laws, force, state, step, observers):
     """Integrate one run from time 0 to the drive's end and return a status code.
 
-    ``modes``: `grid.BeamModes`, ``laws``: `RigidLaws`, ``force``: `grid.DriveForce`, ``step``:
-    `grid.TimeStep`. ``state`` (2 N_m + 2,) is the initial state and becomes the final one. Sample k
-    lies at k ``observers.clock.interval``. ``step.wide_stride`` is None, or N_m rounded up to a
-    multiple of 4 if that is above `STRIDE`.
+    The code is DONE, NOT_FINITE, or STOPPED by another thread. ``modes``: `grid.BeamModes`,
+    ``laws``: `RigidLaws`, ``force``: `grid.DriveForce`, ``step``: `grid.TimeStep`. ``state``
+    (2 N_m + 2,) is the initial state and becomes the final one; its order is modal displacements,
+    absorber displacement, modal velocities, absorber velocity. The ``observers`` are filled. Sample
+    k lies at time k ``observers.clock.interval``. ``step.wide_stride`` is None, or N_m rounded up
+    to a multiple of 4 if that is above `STRIDE`.
     """
     times = force.times
     sample_dt = observers.clock.interval

@@ -2,15 +2,15 @@
 
 The compliant contact is that of the paper's appendix (Eqs. elSignorini, elCoulomb).
 
-All contact acts along one line, so a scene is a row of independent oscillators (the absorber is one
-more, of frequency zero) with one scalar feedback: a force p(y) on the absorber that depends on an
-observation y, a weighted sum of displacements and velocities. In each of the four stages y, and so
-p, follows from the state at the step's start, the excitation, and the p of the stages before, all
-linearly. The weights come from the textbook step applied to unit states and unit inputs, once. Then
-one pass over the modes does a whole step. This is the classical method with its sums in another
-order, not an approximation of it.
+All contact acts along one line, so a scene is a set of independent oscillators (the modes, and the
+absorber as one more of frequency zero) with one scalar feedback: a force p(y) on the absorber that
+depends on an observation y, a weighted sum of displacements and velocities
+(`new_runge_kutta_table`). In each of the four stages y is linear in the state at the step's start,
+the excitation, and the p of the earlier stages. The weights are computed once, by the textbook step
+applied to unit states and unit inputs. Then one pass over the modes does a whole step. This is the
+classical method with its sums in another order, not an approximation of it.
 
-The slider of elastic friction stays where it is within a step and follows at its end.
+The slider of elastic friction keeps its position within a step and is moved at the step's end.
 """
 
 from __future__ import annotations
@@ -65,13 +65,14 @@ from impact_env.kernels.stepping.runge_kutta_step import (
 )
 
 _STEPS_PER_CHECK = 16  # steps between two checks for values that are not finite
-# least in a period of a nonlinear spring's tangent stiffness, as of a mode (`methods.LEAST_STEPS`)
+# fewest steps in a period of a nonlinear spring's tangent stiffness, as in a period of a mode
+# (`methods.LEAST_STEPS`)
 LEAST_STEPS_PER_PERIOD = 4
-# a contact with a wall's spring
+# the current contact with a wall's spring
 WALL_TOUCH = record_type(
     side=NUMBER,  # wall touched: -1 lower, 1 upper, 0 none
     time=NUMBER,  # start of the contact (s)
-    rate=NUMBER,  # relative velocity there (m/s)
+    rate=NUMBER,  # relative velocity at the start (m/s)
     impulse=NUMBER,  # so far (N s)
 )
 
@@ -79,14 +80,14 @@ WALL_TOUCH = record_type(
 class AbsorberStages(NamedTuple):
     """The absorber between two steps.
 
-    Observations and relative velocities in the next step's four stages, as far as they follow from
-    the state.
+    ``y`` and ``v`` are the parts that follow from the state, without excitation and feedback, in
+    the next step's four stages.
     """
 
-    y: tuple[float, float, float, float]  # observations
-    rest: float  # slider's position (m)
-    v: tuple[float, float, float, float]  # relative velocities (m/s)
-    largest: float  # deflection of a nonlinear spring so far (m)
+    y: tuple[float, float, float, float]  # observations (units: `new_runge_kutta_table`)
+    rest: float  # slider's position relative to the tip (m)
+    v: tuple[float, float, float, float]  # relative velocities (m/s), 0 without a nonlinear spring
+    largest: float  # largest |y| at a step's start so far, a nonlinear spring's deflection (m)
 
 
 class StepContext(NamedTuple):
@@ -94,17 +95,17 @@ class StepContext(NamedTuple):
 
     modes: BeamModes  # of the beam
     laws: CompliantLaws  # of the absorber
-    table: RungeKuttaTable  # of the oscillators
+    table: RungeKuttaTable  # oscillators with their state, which each step updates
     amplitude: float  # of the force (N)
-    joined_mass: float  # of a stuck absorber, as in `ActiveLaws` (kg)
+    joined_mass: float  # of a stuck absorber, as in `ActiveLaws` (kg), else 0
     touches: NDArray[Any]  # (1,) a WALL_TOUCH record
 
 
 @jit_inline
 def _evaluate_cubic(s, left, right, h):
-    """Return value and rate of a cubic at the share ``s`` of a step.
+    """Return (value, rate) of a cubic at the fraction ``s`` (0 to 1) of a step of h (s).
 
-    The cubic matches values and slopes at both ends of the step.
+    The cubic matches ``left`` and ``right``, which are (value, rate) at the step's two ends.
     """
     d0, g0 = left
     d1, g1 = right
@@ -117,9 +118,10 @@ def _evaluate_cubic(s, left, right, h):
 
 @jit
 def _find_crossing(left, right, level, h, rising, low, high):
-    """Return (share of the step, relative velocity) at which the cubic passes ``level``.
+    """Return (fraction of the step, relative velocity in m/s) where the cubic crosses ``level``.
 
-    The passage is sought between two shares of the step, and is ``rising`` or falling.
+    The cubic is that of `_evaluate_cubic`. It crosses between the fractions ``low`` and ``high``
+    of the step, upwards if ``rising``.
     """
     for _ in range(52):
         s = 0.5 * (low + high)
@@ -132,9 +134,10 @@ def _find_crossing(left, right, level, h, rising, low, high):
 
 @jit
 def _find_turning_point(left, right, side, h):
-    """Return the share of the step at which the cubic reverses.
+    """Return the fraction of the step at which the cubic of `_evaluate_cubic` reverses.
 
-    The cubic approaches a wall at the start of the step and moves away from it at the end.
+    The cubic approaches a wall (``side`` -1 lower, 1 upper) at the start of the step and moves away
+    from it at the end.
     """
     low = 0.0
     high = 1.0
@@ -149,10 +152,12 @@ def _find_turning_point(left, right, side, h):
 
 @jit
 def _record_short_contact(stops, left, right, stages, span, observers):
-    """Record a contact with a wall's spring within a step, if its stages have one.
+    """Record a contact that begins and ends within a step, if there is one in its stages.
 
-    Its impulse is that of the stages. It lasts while the cubic through the step's ends is beyond
-    the wall; if the cubic stays short of the wall, the contact is where it turns.
+    Arguments as in `_track_wall_contact`; ``left`` and ``right`` are (relative displacement, its
+    rate) at the step's ends. The impulse is that of the wall's force in the four stages. The
+    contact lasts while the cubic through the step's ends is beyond the wall. If the cubic stays
+    short of the wall, the contact has no duration and lies where the cubic reverses.
     """
     h = span[1]
     impulse = (
@@ -187,15 +192,20 @@ def _find_wall_side(y, gap):
 
 @jit_inline
 def _compute_displacement_and_rate(y, h):
-    """Return the relative displacement and its rate from a step's observations."""
+    """Return (relative displacement in m, its rate in m/s) at the start of a step of h (s).
+
+    ``y`` are the observations in the step's stages; the second stage lies at q + h/2 u.
+    """
     return y[0], 2.0 * (y[1] - y[0]) / h
 
 
 @jit
 def _track_wall_contact(stops, touches, before, y, stages, span, observers):
-    """Record the begin and end of contacts with a wall's spring.
+    """Update the contact with a wall's spring after a step, and record each contact that ended.
 
-    ``touches`` (1,) is a WALL_TOUCH record, ``span`` contains start and length of the step (s).
+    ``stops`` are `ElasticStops`; ``touches`` (1,) is the WALL_TOUCH record, updated in place.
+    ``before`` and ``y`` are `AbsorberStages.y` before and after the step, ``stages`` the
+    observations in its four stages; ``span`` is (start, length) of the step in s.
     """
     if stops.stiffness == 0.0:
         return
@@ -243,7 +253,8 @@ def _track_wall_contact(stops, touches, before, y, stages, span, observers):
 def _record_wall_touch(touches, time, observers):
     """Record the contact with a wall's spring that ends at ``time`` (s), if there is one.
 
-    It is recorded as an impact without loss and as a contact phase.
+    It is recorded as an impact without loss and as a contact phase. Its impulse in ``touches`` is
+    set to 0; the side is left to the caller.
     """
     touch = touches[0]
     if touch.side == 0.0:
@@ -258,7 +269,7 @@ def _record_wall_touch(touches, time, observers):
 
 @jit
 def _save_oscillators(table):
-    """Save the oscillators' state at the step's start."""
+    """Write the oscillators' current state into the rows Q_BEFORE and U_BEFORE."""
     cells = table.cells
     stride = find_stride(table.wide_stride)
     for j in range(table.lanes):
@@ -268,7 +279,7 @@ def _save_oscillators(table):
 
 @jit
 def _compute_tip(table):
-    """Return displacement and velocity of the tip."""
+    """Return (displacement in m, velocity in m/s) of the tip."""
     cells = table.cells
     stride = find_stride(table.wide_stride)
     q = 0.0
@@ -281,7 +292,7 @@ def _compute_tip(table):
 
 @jit
 def _is_finite(table):
-    """Return whether the displacements of all oscillators, modes and absorber, are finite."""
+    """Return whether the displacements of all modes and of the absorber are finite."""
     total = 0.0
     for j in range(table.lanes):
         total += abs(table.cells[Q * find_stride(table.wide_stride) + j])
@@ -290,9 +301,11 @@ def _is_finite(table):
 
 @jit
 def _write_state_between(target, table, part, m_a, added_mass, offset):
-    """Write the state at ``part`` (0 to 1) of the step.
+    """Write the state at the fraction ``part`` (0 to 1) of the step into ``target`` (2 N_m + 2,).
 
-    ``offset`` is the position of a stuck absorber in the cavity.
+    The step lies between the states in the rows Q_BEFORE and Q. ``m_a`` (kg) is the mass of a
+    moving absorber, ``added_mass`` (kg) that of a stuck one, and ``offset`` (m) the position of a
+    stuck absorber relative to the tip. Without absorber, its two entries are kept.
     """
     cells = table.cells
     n = table.modes
@@ -319,9 +332,9 @@ def _write_state_between(target, table, part, m_a, added_mass, offset):
 
 @jit
 def _compute_displacement_between(place, part, table):
-    """Return the displacement of a place at ``part`` (0 to 1) of the step.
+    """Return the displacement (m) of a point of the beam at the fraction ``part`` of the step.
 
-    The place is given by its mode shape (N_m,).
+    The point is given by the mode shapes there, ``place`` (N_m,).
     """
     cells = table.cells
     stride = find_stride(table.wide_stride)
@@ -335,7 +348,11 @@ def _compute_displacement_between(place, part, table):
 
 @jit_inline
 def _sample_level(level, clock, part, start, table):
-    """Add the displacement at ``part`` (0 to 1) of a step to the level."""
+    """Add the displacement at the fraction ``part`` (0 to 1) of a step to the level.
+
+    Nothing is done if ``level`` is None or off. ``start`` is (displacement, velocity) of the tip at
+    the step's start.
+    """
     if level is None:
         return
     if clock.level == LEVEL_OFF:
@@ -348,7 +365,10 @@ def _sample_level(level, clock, part, start, table):
 
 @jit_inline
 def _sample_state(series, clock, sample, part, table, laws, offset, state):
-    """Write a row of the series, if it has one for the sample."""
+    """Write the state at the fraction ``part`` of a step, if the series has a row for the sample.
+
+    ``series`` may be None. ``state`` is the initial state, ``offset`` as in `_write_state_between`.
+    """
     if series is None:
         return
     row = find_series_row(clock, series, sample)
@@ -364,8 +384,8 @@ def _sample_state(series, clock, sample, part, table, laws, offset, state):
 def _compute_compliance(mass, tip_shape):
     """Return the compliance at the contact of absorber and tip (1/kg).
 
-    It is their relative acceleration under a unit force between them, and 0 without a moving
-    absorber.
+    It is their relative acceleration under a unit force between them. ``mass`` is that of a moving
+    absorber; the result is 0 if that is 0.
     """
     if mass == 0.0:
         return 0.0
@@ -377,7 +397,10 @@ def _compute_compliance(mass, tip_shape):
 
 @jit_inline
 def _advance_without_absorber(context, forces, at, observers):
-    """Do a step without an absorber and account for it."""
+    """Perform a step without an absorber, and add its work and losses to the energies.
+
+    ``forces[at : at + 3]`` is the force over its amplitude at start, middle and end of the step.
+    """
     zero = (0.0, 0.0, 0.0, 0.0)
     f = (forces[at], forces[at + 1], forces[at + 2])
     account_step(
@@ -394,9 +417,10 @@ def _advance_without_absorber(context, forces, at, observers):
 
 @jit_inline
 def _advance_with_absorber(context, absorber, forces, at, time, observers):
-    """Perform a step that begins at a time (s) and account for it.
+    """Perform a step that begins at ``time`` (s), and add its work and losses to the energies.
 
-    Returns the `AbsorberStages` at its end.
+    ``forces`` and ``at`` are as in `_advance_without_absorber`. Wall contacts are recorded and the
+    slider is moved. Returns the `AbsorberStages` after the step.
     """
     laws = context.laws
     table = context.table
@@ -429,7 +453,10 @@ def _advance_with_absorber(context, absorber, forces, at, time, observers):
 
 @jit_inline
 def _advance_step(context, absorber, forces, at, time, observers):
-    """Do a step that begins at a time (s); without an absorber nothing feeds back."""
+    """Perform a step that begins at ``time`` (s); return the `AbsorberStages` after it.
+
+    Without an absorber the stages are returned unchanged.
+    """
     if context.laws.mass + context.laws.added_mass == 0.0:
         _advance_without_absorber(context, forces, at, observers)
         return absorber
@@ -438,7 +465,7 @@ def _advance_step(context, absorber, forces, at, time, observers):
 
 @jit_inline
 def _finish_run(context, offset, state, end, observers):
-    """Record the contacts that last until the ``end`` (s), and write the final state."""
+    """Record the contacts that last until the ``end`` (s), and write the final ``state``."""
     laws = context.laws
     table = context.table
     _record_wall_touch(context.touches, end, observers)
@@ -452,12 +479,15 @@ def _finish_run(context, offset, state, end, observers):
 def runge_kutta_lane(modes, laws, force, state, step, observers):
     """Integrate one run from time 0 to the drive's end and return a status code.
 
-    ``modes``: `grid.BeamModes`, ``laws``: `runge_kutta_step.CompliantLaws`, ``force``:
+    The code is DONE, NOT_FINITE, STEP_TOO_LONG for a nonlinear spring, or STOPPED by another
+    thread. ``modes``: `grid.BeamModes`, ``laws``: `runge_kutta_step.CompliantLaws`, ``force``:
     `grid.DriveForce`, ``step``: `grid.TimeStep`. ``state`` (2 N_m + 2,) is the initial state and
-    becomes the final one. Sample k lies at k ``observers.clock.interval``. ``step.wide_stride`` is
-    None, or N_m + 1 rounded up to a multiple of 4 if that is above `STRIDE`. The friction loss
-    contains the energy that the slider's spring stores at the end. A contact with a wall's spring
-    is listed as an impact at the time it begins.
+    becomes the final one; its order is modal displacements, absorber displacement, modal
+    velocities, absorber velocity. The ``observers`` are filled. Sample k lies at time k
+    ``observers.clock.interval``. ``step.wide_stride`` is None, or N_m + 1 rounded up to a multiple
+    of 4 if that is above `runge_kutta_step.STRIDE`. The friction loss contains the energy that the
+    slider's spring stores at the end. A contact with a wall's spring is listed as an impact at the
+    time it begins.
     """
     end = force.times[-1]
     sample_dt = observers.clock.interval
@@ -503,7 +533,8 @@ def runge_kutta_lane(modes, laws, force, state, step, observers):
                 row += 1
                 row_step = find_sample_step(row, rows, sample_dt, dt, steps)
             i += 1
-        # square of the frequency that a nonlinear spring has at its largest deflection
+        # square of the frequency from a nonlinear spring's tangent stiffness at its largest
+        # deflection
         largest = absorber.largest
         square = 3.0 * laws.cubic.cubic_stiffness * largest * largest * compliance
         if square * dt * dt > (2.0 * np.pi / LEAST_STEPS_PER_PERIOD) ** 2:

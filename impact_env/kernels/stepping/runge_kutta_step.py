@@ -1,12 +1,12 @@
 """One step of the classical Runge-Kutta method as a linear map, and its energies.
 
-The scene is a row of independent oscillators with one scalar feedback: a force p(y) on the absorber
+The scene is a set of independent oscillators with one scalar feedback: a force p(y) on the absorber
 that depends on an observation y, by the contact laws of the paper (Eqs. elSignorini, elCoulomb).
-The laws are numbers, 0 where a scene has no such law, so that one kernel integrates every scene.
+Laws that a scene lacks have the stiffness or limit 0, so that one kernel integrates every scene.
 
-In each of the four stages the observation y, and so the force p(y), follows from the state at the
-step's start, the excitation, and the p of the stages before, all linearly. The weights are in a
-table (`new_runge_kutta_table`). Then one pass over the modes does a whole step.
+In each of the four stages the observation y is linear in the state at the step's start, the
+excitation, and the p of the earlier stages. The weights are in a table (`new_runge_kutta_table`).
+Then one pass over the modes does a whole step. The excitation is the force over its amplitude.
 
 In: the table with the state, the excitation at start, middle and end of the step, the laws. Out:
 the state after the step, and the observations of the next one as far as they follow from it.
@@ -23,10 +23,12 @@ from impact_env.kernels.compiling.jit import NUMBER, jit, jit_allocating, jit_in
 from impact_env.kernels.compiling.vector_code import Code, Index, Number
 from impact_env.kernels.stepping.grid import NO_SPRING, Spring
 
-# rows of the table of oscillators. A constant distance between rows spares a run-time check for
+# Rows of the table of oscillators. A constant distance between rows spares a run-time check for
 # overlap; it is no power of two, so that rows do not share cache lines' low address bits. Q, U:
-# state. QQ to UU: its map over a step. QF1 to UF4: excitation at start, middle and end. QP1 to UP4:
-# feedback in the four stages. Y: four pairs, observation in each stage from Q and U.
+# displacement and velocity. The others have the weights in the next Q and U: QQ to UU of Q and U,
+# QF1 to UF4 of the excitation at start (1), middle (M) and end (4), QP1 to UP4 of the feedback in
+# the four stages. Y: eight rows, weights of Q and of U in the observation of each stage. TIP: share
+# in the tip's displacement. Q_BEFORE, U_BEFORE: saved state.
 STRIDE = 68
 (
     Q,
@@ -53,29 +55,29 @@ STRIDE = 68
     U_BEFORE,
     ROWS,
 ) = (*range(19), 26, 27, 28, 29)
-# columns of the mix: what the observation in a stage takes from the excitation at start, middle,
-# end and from the feedback in stages 1 to 3
+# columns of the mix: weights in the observation of a stage, of the excitation at start, middle and
+# end and of the feedback in stages 1 to 3
 _MIX = 6
 
 
 class ElasticSlider(NamedTuple):
-    """A spring in series with a Coulomb slider."""
+    """A spring in series with a Coulomb slider, between absorber and tip."""
 
-    limit: float  # N, 0: there is none
+    limit: float  # friction limit (N), 0: there is no slider
     stiffness: float  # N/m
 
 
 class ElasticStops(NamedTuple):
-    """Unilateral springs."""
+    """Two walls that are unilateral springs."""
 
-    gap: float  # distance of either from the middle (m)
-    stiffness: float  # N/m, 0: there are none
+    gap: float  # distance of either wall from the middle (m)
+    stiffness: float  # N/m, 0: there are no walls
 
 
 class CubicSpring(NamedTuple):
-    """A spring whose force is stiffness times displacement^3, with a damper."""
+    """A spring with the force stiffness times relative displacement^3, and a damper."""
 
-    cubic_stiffness: float  # N/m^3, 0 without a spring
+    cubic_stiffness: float  # N/m^3, 0: neither spring nor damper
     damping: float  # N s/m
 
 
@@ -85,21 +87,21 @@ NO_CUBIC_SPRING = CubicSpring(0.0, 0.0)
 
 
 class CompliantLaws(NamedTuple):
-    """Contact laws of one absorber."""
+    """Mass and contact laws of one absorber; without an absorber both masses are 0."""
 
-    mass: float = 0.0  # of a moving absorber (kg), 0 without
-    added_mass: float = 0.0  # of a stuck absorber (kg), 0 without
+    mass: float = 0.0  # of a moving absorber (kg), else 0
+    added_mass: float = 0.0  # of an absorber that is stuck for the whole run (kg), else 0
     stops: ElasticStops = NO_STOPS  # walls
     slider: ElasticSlider = NO_SLIDER  # friction
     spring: Spring = NO_SPRING  # of a tuned absorber
-    cubic: CubicSpring = NO_CUBIC_SPRING  # of a nonlinear sink
+    cubic: CubicSpring = NO_CUBIC_SPRING  # of a nonlinear energy sink
 
 
 class ActiveLaws(NamedTuple):
-    """The laws of one branch of a step: those that act in it, the others None.
+    """The laws that act in one compiled branch of a step; the others are None.
 
     ``joined_mass``: m_a / (1 + m_a sum tip_shape^2) of a stuck absorber (kg). With all laws in one
-    branch, each of four stages would wait for the arithmetic of laws that are absent.
+    branch, each of the four stages would wait for the arithmetic of laws that are absent.
     """
 
     stops: ElasticStops | None
@@ -110,41 +112,45 @@ class ActiveLaws(NamedTuple):
 
 
 class Oscillator(NamedTuple):
-    """One column of the table: q'' + c q' + w2 q = push f - tip p."""
+    """One column of the table: q'' + c q' + w2 q = push f - tip p.
+
+    f is the force over its amplitude, p the feedback on the absorber (N).
+    """
 
     w2: float  # omega^2 (1/s^2)
     c: float  # 2 D omega (1/s)
-    push: float  # effect of the excitation
-    tip: float  # share in the tip's displacement
+    push: float  # mode shape at the force times amplitude, 0 for the absorber
+    tip: float  # share in the tip's displacement; for the absorber -1/sqrt(mass)
     see_q: float  # weight of q in the observation
-    see_u: float  # weight of the velocity
-    see_push: float  # weight of the excitation
+    see_u: float  # weight of q' in the observation
+    see_push: float  # weight of the acceleration push f in the observation
 
 
 class RelativeVelocityTable(NamedTuple):
-    """A second observation, the relative velocity; of size 0 where no law depends on it."""
+    """A second observation, the relative velocity (m/s); of size 0 if no law depends on it."""
 
-    cells: NDArray[np.float64]  # eight rows as those from `Y` on
+    cells: NDArray[np.float64]  # eight rows like those from `Y` on
     mix: NDArray[np.float64]  # (4, 6) as `RungeKuttaTable.mix`
 
 
 class RungeKuttaTable(NamedTuple):
     """The oscillators in the form that the loop over steps uses."""
 
-    cells: NDArray[np.float64]  # rows of numbers of each oscillator: Q to U_BEFORE
-    mix: NDArray[np.float64]  # (4, 6) what an observation takes from excitation and feedback
+    cells: NDArray[np.float64]  # (ROWS * distance between rows,) the rows Q to U_BEFORE
+    mix: NDArray[np.float64]  # (4, 6) weights of excitation and feedback in each observation
     modes: int  # N_m
-    lanes: int  # oscillators, rounded up to a multiple of 4
-    wide_stride: int | None  # distance of rows if it is not `STRIDE`
-    h: float  # step (s)
+    lanes: int  # N_m + 1 oscillators, rounded up to a multiple of 4
+    wide_stride: int | None  # distance between rows, None: `STRIDE`
+    h: float  # time step (s)
     speeds: RelativeVelocityTable  # observation of the relative velocity
 
 
 @jit
 def compute_runge_kutta_step(w2, c, h, q, u, w):
-    """Return the four stages' (q, u) and the new (q, u) of q'' + c q' + w2 q = w.
+    """Return q and u in the four stages and after a step of h (s) of q'' + c q' + w2 q = w.
 
-    w is given for each stage.
+    ``w`` are the values in the four stages. The ten numbers returned are q1, u1, ..., q4, u4 and
+    the new q, u.
     """
     w1, wm2, wm3, w4 = w
     a1 = w1 - w2 * q - c * u
@@ -173,7 +179,7 @@ def compute_runge_kutta_step(w2, c, h, q, u, w):
 
 @jit_inline
 def find_stride(wide_stride):
-    """Return the distance between rows."""
+    """Return the distance between rows: ``wide_stride``, or `STRIDE` if that is None."""
     if wide_stride is None:
         return STRIDE
     return wide_stride
@@ -181,7 +187,10 @@ def find_stride(wide_stride):
 
 @jit_allocating
 def _add_oscillator(table, j, one):
-    """Fill column ``j`` with an `Oscillator` and add its share to the mix."""
+    """Fill column ``j`` of the table with the weights of an `Oscillator`, and update the mix.
+
+    The same is done in ``table.speeds``, unless it is of size 0.
+    """
     cells = table.cells
     mix = table.mix
     stride = find_stride(table.wide_stride)
@@ -211,7 +220,10 @@ def _add_oscillator(table, j, one):
 
 @jit_allocating
 def _fill_observation(cells, mix, stride, j, one, responses):
-    """Fill column ``j`` of an observation's eight rows, and add its share to the mix."""
+    """Fill column ``j`` of an observation's eight rows, and add to its ``mix`` (4, 6).
+
+    ``responses`` (6, 10) are results of `compute_runge_kutta_step` for unit q, u, w1, ..., w4.
+    """
     for stage in range(4):
         response = one.see_q * responses[:, 2 * stage] + one.see_u * responses[:, 2 * stage + 1]
         cells[2 * stage * stride + j] = response[0]
@@ -225,7 +237,10 @@ def _fill_observation(cells, mix, stride, j, one, responses):
 
 @jit
 def _compute_observation_weights(spring, added_mass, tip, w2, c):
-    """Return the shares of a mode's displacement, velocity and excitation in the observation."""
+    """Return a mode's ``see_q``, ``see_u`` and ``see_push`` (`Oscillator`) in the observation.
+
+    The observation is that of `new_runge_kutta_table`.
+    """
     if added_mass > 0.0:
         return -tip * w2, -tip * c, tip
     if spring.stiffness > 0.0:
@@ -235,7 +250,10 @@ def _compute_observation_weights(spring, added_mass, tip, w2, c):
 
 @jit_allocating
 def _add_absorber(m_a, spring, table, state):
-    """Fill the column of an absorber that moves: an oscillator of frequency zero."""
+    """Fill column N_m with a moving absorber: an oscillator of frequency zero.
+
+    Its coordinate is sqrt(m_a) times the absorber's displacement. Nothing is done if ``m_a`` is 0.
+    """
     if m_a == 0.0:
         return
     stiffness = 1.0
@@ -257,10 +275,12 @@ def _add_absorber(m_a, spring, table, state):
 
 @jit_allocating
 def new_runge_kutta_table(modes, laws, amplitude, state, h, wide_stride):
-    """Return the table of a scene for steps of h (s).
+    """Return the `RungeKuttaTable` of a scene for steps of h (s), with the initial state.
 
-    The observation is the relative displacement; with a spring, its force; with an added mass, the
-    tip's acceleration without that mass.
+    ``amplitude`` (N) is that of the force; ``state`` (2 N_m + 2,) has the order of
+    `runge_kutta_lane`. The observation is the relative displacement (m); with a linear spring, the
+    force of spring and damper (N); with an added mass, the acceleration that the tip would have
+    without that mass (m/s^2).
     """
     n = modes.omega.shape[0]
     stride = find_stride(wide_stride)
@@ -294,7 +314,10 @@ def new_runge_kutta_table(modes, laws, amplitude, state, h, wide_stride):
 
 @jit
 def compute_stop_force(y, stops):
-    """Return the walls' force on the absorber (N), 0 where they are None."""
+    """Return the walls' force on the absorber (N) at relative displacement y (m).
+
+    The result is 0 if ``stops`` is None.
+    """
     if stops is None:
         return 0.0
     if y > stops.gap:
@@ -306,7 +329,10 @@ def compute_stop_force(y, stops):
 
 @jit
 def compute_slider_force(y, rest, slider):
-    """Return the friction on the absorber (N) with the slider at ``rest``, 0 where it is None."""
+    """Return the friction force on the absorber (N) at relative displacement y (m).
+
+    ``rest`` (m) is the slider's position. The result is 0 if ``slider`` is None.
+    """
     if slider is None:
         return 0.0
     return -min(max(slider.stiffness * (y - rest), -slider.limit), slider.limit)
@@ -316,7 +342,7 @@ def compute_slider_force(y, rest, slider):
 def compute_feedback(y, v, rest, laws):
     """Return the force on the absorber (N) for an observation y, by `ActiveLaws`.
 
-    The relative velocity v (m/s) is 0 if no law depends on it.
+    v (m/s) is the relative velocity; only a nonlinear spring uses it.
     """
     force = compute_stop_force(y, laws.stops) + compute_slider_force(y, rest, laws.slider)
     if laws.spring is not None:
@@ -329,7 +355,11 @@ def compute_feedback(y, v, rest, laws):
 
 
 def _step_code(pushed: bool, sampled: bool) -> Any:
-    """Return vector code for a step, ``pushed`` by the feedback or not, ``sampled`` or not."""
+    """Return vector code that updates the rows Q and U of a table by a step.
+
+    ``pushed``: the feedback p1 to p4 acts. ``sampled``: the four observations of the next step are
+    computed from the new state; else the four numbers that the code returns are 0.
+    """
 
     @vector_code(NUMBER, 4)
     def advance(
@@ -385,9 +415,11 @@ _step_forced, _step_forced_observed, _step_fed_back, _step_fed_back_observed = (
 
 @jit_inline
 def advance_oscillators(table, forces, at, push, sampled):
-    """Advance all oscillators by a step.
+    """Advance all oscillators in ``table`` by a step.
 
-    Returns those parts of the next step's four observations that follow from the state.
+    ``forces[at : at + 3]`` is the excitation at start, middle and end. ``push`` are the feedbacks
+    in the four stages, or None if all are 0. Returns the parts of the next step's four observations
+    that follow from the state, or zeros if ``sampled`` is None.
     """
     cells = table.cells
     lanes = table.lanes
@@ -408,7 +440,10 @@ def advance_oscillators(table, forces, at, push, sampled):
 
 @jit_allocating
 def observe_rows(table, rows):
-    """Return the eight rows of an observation of the state, in the four stages of the next step."""
+    """Return the parts of an observation in the next step's four stages that follow from the state.
+
+    ``rows`` are the observation's eight rows, one after another.
+    """
     cells = table.cells
     stride = find_stride(table.wide_stride)
     y = np.zeros(4)
@@ -421,9 +456,9 @@ def observe_rows(table, rows):
 
 @jit_allocating
 def compute_relative_velocities(table):
-    """Return the relative velocities in the next step's four stages.
+    """Return the relative velocities (m/s) in the next step's four stages.
 
-    Only their parts that follow from the state are returned. They are 0 if no law depends on them.
+    They are the parts that follow from the state, or zeros if no law depends on them.
     """
     if table.speeds.cells.shape[0] == 0:
         return 0.0, 0.0, 0.0, 0.0
@@ -432,10 +467,10 @@ def compute_relative_velocities(table):
 
 @jit_inline
 def _compute_stage_velocity(cubic, speeds, v, k, f, p):
-    """Return the relative velocity in stage ``k``.
+    """Return the relative velocity (m/s) in stage ``k`` (0 to 3), 0 if ``cubic`` is None.
 
-    ``p`` are the feedbacks of the stages before. The result is 0 if no law depends on the relative
-    velocity.
+    ``v`` are the parts that follow from the state, ``f`` is the excitation at start, middle and
+    end, and ``p`` are the feedbacks in stages 0 to 2, zeros from stage ``k`` on.
     """
     if cubic is None:
         return 0.0
@@ -446,7 +481,7 @@ def _compute_stage_velocity(cubic, speeds, v, k, f, p):
 
 @jit_inline
 def _compute_stages_under(absorber, table, forces, at, laws):
-    """Return the observations and the feedbacks in the four stages under `ActiveLaws`."""
+    """Return (four observations, four feedbacks in N) in a step's stages under `ActiveLaws`."""
     y = absorber.y
     rest = absorber.rest
     v = absorber.v
@@ -478,10 +513,11 @@ def _compute_stages_under(absorber, table, forces, at, laws):
 
 @jit_inline
 def compute_stages(absorber, table, forces, at, laws, joined_mass):
-    """Return the observations and the feedbacks in the four stages.
+    """Return (four observations, four feedbacks in N) in the stages of a step.
 
-    ``absorber`` is a `runge_kutta.AbsorberStages`; ``joined_mass``: that of `ActiveLaws`, 0 unless
-    the absorber is stuck.
+    ``absorber`` is a `runge_kutta.AbsorberStages`; ``forces`` and ``at`` are as in
+    `advance_oscillators`. ``joined_mass`` (kg) is that of `ActiveLaws`, 0 unless the absorber is
+    stuck. Nothing is modified.
     """
     if laws.cubic.cubic_stiffness > 0.0:
         of_cubic = ActiveLaws(None, None, None, None, laws.cubic)
@@ -501,10 +537,11 @@ def compute_stages(absorber, table, forces, at, laws, joined_mass):
 
 @jit_allocating
 def account_step(energy, modes, amplitude, laws, table, rest, stages):
-    """Add a step's work and losses: the powers in the four stages with the weights of the method.
+    """Add a step's work and losses (J) to ``energy``, before the table is advanced.
 
-    ``compute_stages``: the excitation at start, middle and end, the observations, and the
-    feedbacks.
+    They are the powers in the four stages with the weights of the method. ``stages`` is (excitation
+    at start, middle and end; observations in the four stages; feedbacks in the four stages), and
+    ``rest`` (m) the slider's position. Nothing is done if ``energy`` is None.
     """
     if energy is None:
         return
