@@ -220,7 +220,7 @@ def _check_scored_range(
     """Return omega_r; raises ParameterError unless the range can score an absorber."""
     omega_r = model.resonance_omega(resonance)
     low, high = frequency_range(low, high)
-    if not isinstance(absorber, StuckAbsorber | None):
+    if isinstance(absorber, LinearAbsorber) and not isinstance(absorber, StuckAbsorber):
         require_wide_range(model, absorber.mass_ratio, resonance, low, high)
     return omega_r
 
