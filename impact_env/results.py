@@ -192,7 +192,7 @@ class ResponseLevel:
     time, frequency_ratio : float
         Time in s and frequency over the reference's at the maximum.
     max_tip : float
-        Largest |displacement| in m.
+        Largest absolute displacement in m.
     """
 
     value: float

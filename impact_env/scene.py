@@ -45,7 +45,7 @@ class Scene:
     ----------
     model : ModalModel
         Modes of the structure.
-    absorber : absorber, optional
+    absorber : Absorber, optional
         None: the structure alone. Several absorbers are at the places of the model's
         ``absorber_shapes``. An absorber whose walls have no clearance becomes a `StuckAbsorber`,
         the same mechanics.
