@@ -40,9 +40,9 @@ _QUICK = (
     {
         "simulator": "controlled ensemble model frequency plain structure",
         "kernels": "check energies exact_contacts linear properties several",
-        "periodic": "continuation periodic_closed_form periodic_orbits",
     },
     {
+        "periodic": "continuation periodic_closed_form periodic_orbits",
         "commands": "bad_input sweep_script",
         "design": "bounds designs objectives structure_design",
         "studies": "study_pattern",
