@@ -276,7 +276,7 @@ class Checkpoint:
                 f"{option} = {path} {refusal}" if refusal else f"{self.something_else} ({error})"
             ) from error
 
-    def keep(self, name: str, value: object) -> None:
+    def store(self, name: str, value: object) -> None:
         """Store a value that JSON can express, or NaN, permanently.
 
         Raises OSError if the file cannot be written. The file then has its old content.
@@ -291,7 +291,7 @@ class Checkpoint:
                 raise OSError(errno.EIO, str(error), str(self.path)) from error
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self.path is not None:
             self._file.close()
 
@@ -302,7 +302,7 @@ class Checkpoint:
         """
         basis = basis | {"kernels": hash_sources()}
 
-        def keep(
+        def compute_or_load(
             name: Json,
             make: Callable[[], Iterator[PlainResult]],
             read: Callable[[Json], PlainResult],
@@ -314,7 +314,7 @@ class Checkpoint:
                 for piece in make():
                     done.append(piece.to_plain())
                     yield piece
-                self.keep(key, done)
+                self.store(key, done)
                 return
             try:
                 pieces = [read(value) for value in self.known[key]]
@@ -322,7 +322,7 @@ class Checkpoint:
                 raise ParameterError(f"{self.something_else} ({error})") from error
             yield from pieces
 
-        return keep
+        return compute_or_load
 
 
 FILE = "study file"
@@ -358,7 +358,7 @@ class RunCache:
             else ()
         ):
             self.runs += len(values)
-            self.checkpoint.keep(new[i], values.tolist())
+            self.checkpoint.store(new[i], values.tolist())
             yield from ((k, values) for k in same.pop(new[i]))
         for key, numbers in same.items():  # those that were known
             yield from (
@@ -408,7 +408,7 @@ def open_run_cache(
         wanted = json.loads(json.dumps(identity))
         held = checkpoint.known.get(IDENTITY)
         if held is None:
-            checkpoint.keep(IDENTITY, wanted)
+            checkpoint.store(IDENTITY, wanted)
         elif held != wanted:
             raise ParameterError(
                 f"{FILE} = {file} is not allowed: it is another study: "

@@ -33,7 +33,6 @@ from impact_env.fields import check_fields
 from impact_env.frequency import receptance
 from impact_env.kernels.control.episodes import (
     compute_cycle_rewards,
-    fill_costs,
     fill_cycle_features,
 )
 from impact_env.level import require_samples
@@ -388,15 +387,7 @@ class PeriodReward(Reward):
         """Return the rewards (L,) of the last interval."""
         lanes = self.lanes
         displacement = self.actuator.compute_displacement()
-        fill_costs(  # type: ignore[no-untyped-call]
-            lanes.runs.reports,
-            displacement,
-            lanes.duration,
-            float(lanes.interval),
-            self.schedule.steps,
-            lanes.interval * lanes.settings.samples_per_period,
-            self.costs,
-        )
+        self.fill_costs(displacement, self.schedule.steps)
         rewards = np.empty(lanes.count)
         compute_cycle_rewards(  # type: ignore[no-untyped-call]
             lanes.runs.reports,

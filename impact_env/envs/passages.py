@@ -34,7 +34,6 @@ from impact_env.kernels.control.episodes import (
     advance_frequency,
     compute_damage_rewards,
     compute_level_rewards,
-    fill_costs,
 )
 from impact_env.kernels.control.interval import interpolate_log
 from impact_env.level import require_samples
@@ -536,15 +535,7 @@ class RandomPassageReward(PassageReward):
     def charge(self, rise: Array, displacement: Array) -> None:
         """Fill the costs of the last interval, see `PassageReward.charge`."""
         lanes = self.lanes
-        fill_costs(  # type: ignore[no-untyped-call]
-            lanes.runs.reports,
-            displacement,
-            lanes.duration,
-            float(lanes.interval),
-            self.schedule.steps,
-            lanes.interval * lanes.settings.samples_per_period,
-            self.costs,
-        )
+        self.fill_costs(displacement, self.schedule.steps)
         self.costs[:, 0] = rise
         self.costs[:, 4] = lanes.runs.reports["impact_count"] / lanes.interval
 

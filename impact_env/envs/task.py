@@ -27,6 +27,7 @@ from impact_env.envs.signals import ActionDelay, Sensors
 from impact_env.kernels.control.episodes import (
     FEATURE_UNITS,
     close_step,
+    fill_costs,
     fill_features,
     fill_orders,
 )
@@ -299,6 +300,23 @@ class Reward(TaskPart, ABC):
     def start(self, lane: int, generator: Generator) -> None:  # noqa: ARG002 - nothing is drawn
         """Set a lane's costs to zero, and its reference to that of the drawn episode."""
         self.costs[lane] = 0.0
+
+    def fill_costs(self, displacement: Array, steps: int) -> None:
+        """Fill the costs of the last interval.
+
+        ``displacement`` (L,) is the actuator's. ``steps`` is the number of intervals in the time
+        budget.
+        """
+        lanes = self.lanes
+        fill_costs(  # type: ignore[no-untyped-call]
+            lanes.runs.reports,
+            displacement,
+            lanes.duration,
+            float(lanes.interval),
+            steps,
+            lanes.interval * lanes.settings.samples_per_period,
+            self.costs,
+        )
 
     @abstractmethod
     def compute(self) -> Array:

@@ -240,7 +240,7 @@ class CheckpointedSimulation:
             ensemble = simulate_ensemble(
                 self.simulator, self.priors, shares, round_seed(self.seed, number), show
             )
-        self.checkpoint.keep(
+        self.checkpoint.store(
             key, {"shares": shares.tolist(), "statistics": ensemble.statistics.tolist()}
         )
         return ensemble

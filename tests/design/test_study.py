@@ -95,7 +95,7 @@ def test_optuna_reads_the_designs_of_a_study(tmp_path: Path) -> None:
 def test_pieces_survive_a_process_that_is_killed(tmp_path: Path) -> None:
     code = "import pathlib, sys; from optimisation.checkpoint import Checkpoint\n"
     code += (
-        "kept, n = Checkpoint(pathlib.Path(sys.argv[1])), 0\nwhile True: kept.keep(str(n), [n] * "
+        "kept, n = Checkpoint(pathlib.Path(sys.argv[1])), 0\nwhile True: kept.store(str(n), [n] * "
         "1000); n += 1; print(n, flush=True)"
     )
     file = tmp_path / "kept"
@@ -114,12 +114,12 @@ def test_pieces_survive_a_process_that_is_killed(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_used_is_refused_in_one_line_and_stays(tmp_path: Path) -> None:
     good, words, another, torn = (tmp_path / name for name in ("good", "words", "another", "torn"))
     with closing(Checkpoint(good)) as cache:
-        cache.keep("a", [1.0, float("nan")] * 10000)
+        cache.store("a", [1.0, float("nan")] * 10000)
         with pytest.raises(ParameterError, match=r"--resume = .*good is in use by another process"):
             Checkpoint(good)
         cache._file.execute("PRAGMA max_page_count = 1")  # as on a full disk
         with pytest.raises(OSError, match="full"):
-            cache.keep("b", [1.0] * 100000)
+            cache.store("b", [1.0] * 100000)
     with closing(Checkpoint(good)) as cache:
         assert list(cache.known) == ["a"]
     words.write_text('{"form": "pieces 1", "pieces": []}\n')  # what was written here before

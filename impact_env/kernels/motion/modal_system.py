@@ -132,7 +132,7 @@ class Propagator:
         """Return complex numbers: real parts in ``row``, imaginary parts in the next row."""
         return Complex(self.row(row, j), self.row(row + 1, j))
 
-    def looked_up(self, k: int, j: Any) -> Complex:
+    def read_factor(self, k: int, j: Any) -> Complex:
         """Return the table's factor for the digit of number ``k``: 0, 1 or 2 for d1, d2, d3."""
         at = self.places[k] + j
         return self.code.complex(self.table, at, at + self.imaginary)
@@ -149,8 +149,8 @@ class Propagator:
     def factor(self, j: Any) -> Complex:
         """Return exp(s t)."""
         return (
-            self.looked_up(0, j)
-            .times(self.looked_up(1, j).times(self.looked_up(2, j)))
+            self.read_factor(0, j)
+            .times(self.read_factor(1, j).times(self.read_factor(2, j)))
             .times(self.taylor(j))
         )
 
@@ -158,8 +158,8 @@ class Propagator:
         """Return u exp(s t) for amplitudes ``u`` (2, J)."""
         amplitude = self.code.complex(u, j, j + self.size)
         return (
-            amplitude.times(self.looked_up(0, j))
-            .times(self.looked_up(1, j).times(self.looked_up(2, j)))
+            amplitude.times(self.read_factor(0, j))
+            .times(self.read_factor(1, j).times(self.read_factor(2, j)))
             .times(self.taylor(j))
         )
 
